@@ -1,6 +1,6 @@
-"""Published data sets in their own layouts, as scenes with truth; every module of `READERS` has `read(folder) -> Published`.
+"""Published data sets in their own layouts, as scenes with truth; each module of `READERS` has `read(folder) -> Published`.
 
-A module is loaded when its set is read. Imports `interchange`, `perception` and below.
+A module is loaded when its set is read. This package imports `interchange`, `perception` and lower packages.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ __all__ = ["READERS", "Reader", "read_published"]
 
 @dataclass(frozen=True)
 class Reader:
-    """Where a reader lives, and what it reads."""
+    """The reader of a data set."""
 
     module: str
     """Module of this package with a function `read(folder)`."""
     what: str
-    """The set in one line."""
+    """Description of the set in one line."""
     where: str
-    """Where it is published."""
+    """Address of the set."""
 
     def read(self, folder: Path) -> Published:
-        """Read a folder of the set. Raises `InputError` for what is missing or broken."""
+        """Read a folder of the set. Raises `InputError` for missing or broken files."""
         published: Published = import_module(f"passerby.datasets.{self.module}").read(folder)
         return published
 
@@ -73,10 +73,10 @@ def read_published(name: str, folder: Path) -> Published:
 
     Args:
         name: one of `READERS`.
-        folder: where its files lie, as published.
+        folder: folder of its files, as published.
 
     Raises:
-        InputError: for an unknown name, a missing folder, and everything in it that is missing or broken.
+        InputError: for an unknown name, a missing folder, and missing or broken files in it.
     """
     from passerby.common.text import suggest_name
 

@@ -1,6 +1,6 @@
 """Annotated boxes in the formats of several data sets, and the matching of two annotations of the same people.
 
-All of them count frames from 0 or 1; here the first picture is frame 1. Identities are those of the annotation.
+The formats count frames from 0 or 1; here the first picture is frame 1. Identities are those of the annotation.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from passerby.datasets.published import GroundTruth
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml, read_text
 
 LARGEST = 2.0**53
-"""Above it a float64 no longer tells whole numbers apart."""
+"""Above it, float64 cannot represent all whole numbers."""
 VATIC_COLUMNS = "track_id xmin ymin xmax ymax frame lost occluded generated label"
 Row = tuple[int, int, float, float, float, float]
 """frame, identity, left, top, width, height."""
 FARTHEST_M = 0.6
-"""Two are the same person where the median distance of the box's foot point from the position is below: half a shoulder's
-width, half a cell of EPFL's grid (0.13 m), and some pixels at the far end. Strangers are metres apart."""
+"""Maximum median distance between the foot points of a person's boxes and the person's positions: half a shoulder width, half
+a cell of EPFL's grid (0.13 m), and some pixels at the far end. Different people are metres apart."""
 LEAST_SIGHTINGS = 3
 
 
 def read_vatic(path: Path, first_frame: int = 0) -> Boxes:
     """Read VATIC's text: `track_id xmin ymin xmax ymax frame lost occluded generated "label"`.
 
-    Boxes that are lost (outside the view) are left out, those that are partly hidden are kept.
+    Lost boxes (outside the view) are left out; partly hidden boxes are kept.
 
     Args:
         path: the file of one camera.
-        first_frame: the number that the first picture has in the file.
+        first_frame: the number of the first picture in the file.
 
     Raises:
-        InputError: the file is missing, or a row is no such row.
+        InputError: the file is missing, or a row has another format.
     """
     rows: list[Row] = []
     for number, line in enumerate(read_text(path, "boxes as VATIC writes them").splitlines(), start=1):
@@ -63,7 +63,8 @@ def read_vatic(path: Path, first_frame: int = 0) -> Boxes:
 def read_cvml(path: Path) -> Boxes:
     """Read CVML: `<dataset><frame number><objectlist><object id><box xc yc w h/></object></objectlist></frame></dataset>`.
 
-    Frames count from 0; xc, yc is the box's centre. Raises `InputError` for a file that is missing, no XML, or of another kind.
+    Frames count from 0; xc, yc is the box's centre. Raises `InputError` for a missing file, one that is not XML, or another
+    kind of XML.
     """
     try:
         root = parse_xml(read_text(path, "boxes in CVML (XML)"))
@@ -91,11 +92,11 @@ def read_mot_truth(path: Path) -> tuple[Boxes, GroundTruth | None]:
     """Read MOTChallenge's `gt.txt`: `frame, id, left, top, width, height, flag[, x, y, z]`, in any order of rows.
 
     Returns:
-        The boxes, without those flagged 0, and where columns 8 and 9 hold positions on the ground (metres, as in the 3D
-        benchmark of 2015), these.
+        The boxes, without those flagged 0, and the positions on the ground in columns 8 and 9 (metres, as in the 3D benchmark
+        of 2015); None if there are none.
 
     Raises:
-        InputError: the file is missing, or a row is no such row.
+        InputError: the file is missing, or a row has another format.
     """
     rows: list[Row] = []
     places: list[tuple[float, float]] = []
@@ -122,7 +123,7 @@ def read_mot_truth(path: Path) -> tuple[Boxes, GroundTruth | None]:
 
 
 def _number(place: str, text: str | None) -> float:
-    """A finite number."""
+    """Convert a text to a finite number. Raises `InputError` for any other text."""
     try:
         number = float("nan" if text is None else text)
     except ValueError:
@@ -143,7 +144,7 @@ def _check_row(place: str, row: Row) -> None:
 
 
 def _boxes(path: Path, rows: list[Row]) -> Boxes:
-    """The boxes by frame and identity. Raises `InputError` for an identity twice in a frame."""
+    """Return the boxes, sorted by frame and identity. Raises `InputError` for an identity twice in a frame."""
     if not rows:
         return Boxes.empty()
     rows = sorted(rows)
@@ -155,15 +156,15 @@ def _boxes(path: Path, rows: list[Row]) -> Boxes:
 
 
 def match_identities(boxes: Mapping[str, Boxes], rig: Rig, ground: GroundTruth) -> tuple[GroundTruth, tuple[str, ...]]:
-    """The positions with the identities of the boxes; and what to note.
+    """Give the positions the identities of the boxes; also return notes.
 
-    Box and position are compared through the true poses: the middle of a box's lower edge is taken for a point of the ground.
-    A person without boxes gets a number above all of theirs.
+    Boxes and positions are compared by the true poses: the middle of a box's lower edge is assumed to be on the ground. A
+    person without boxes gets a number above all identities of the boxes.
 
     Args:
-        boxes: by camera, true identities.
+        boxes: camera -> boxes with true identities.
         rig: poses of these cameras, metres.
-        ground: positions, with identities of their own.
+        ground: positions, with identities that do not depend on those of the boxes.
     """
     feet = [_feet(rig[camera], seen) for camera, seen in boxes.items() if rig[camera].pose is not None and len(seen)]
     if not feet or not len(ground):
@@ -185,7 +186,7 @@ def match_identities(boxes: Mapping[str, Boxes], rig: Rig, ground: GroundTruth) 
 
 
 def _feet(camera: Camera, boxes: Boxes) -> tuple[Ints, Ints, Floats]:
-    """Frame, identity and (N, 2) place on the ground of a camera's boxes."""
+    """Compute frame, identity and place on the ground (N, 2) of a camera's boxes."""
     assert camera.pose is not None
     pixels = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] * (0.5, 1.0)
     rays = camera.lens.bearings(pixels) @ camera.pose.R_cw
@@ -196,7 +197,7 @@ def _feet(camera: Camera, boxes: Boxes) -> tuple[Ints, Ints, Floats]:
 
 
 def _distance(frame: Ints, who: Ints, xy: Floats, one: int, ground: GroundTruth, other: int) -> float:
-    """Median distance of one person's foot points from another's positions, metres; infinite where they rarely meet."""
+    """Compute the median distance of foot points from positions, metres; infinite below `LEAST_SIGHTINGS` common frames."""
     there = ground.identity == other
     place = dict(zip(ground.frame[there].tolist(), ground.xy[there], strict=True))
     rows = [row for row in np.flatnonzero(who == one).tolist() if int(frame[row]) in place]

@@ -1,16 +1,17 @@
-"""CMC: five sequences of people in one room, before four cameras (Ong et al., IEEE TPAMI 2020).
+"""CMC: five sequences of people in one room with four cameras (Ong et al., IEEE TPAMI 2020).
 
 Published at https://github.com/researchwork888/Multi-view-3D-multi-object-tracking-dataset. Its README gives 1920 x 1024
-pixels, 4 frames per second and a room of 7.67 x 3.41 x 2.7 m. Of a sequence, CMC1 say, this reads what the set's own scripts
-read (`release/gen_truth.m`, `gen_meas.m`, `gen_model.m`): the folder `CMC1` with `Cam_1/*.png` to `Cam_4` in the order of their
-names, `GT_CMC1_WORLD_CENTROID.txt` (frame, identity, five times -1, centroid and half extents in metres, world z up), and the
-3 x 4 projection matrices `cam1_cam_mat.mat`, which lie with the scripts; for CMC5, those of cameras 3 and 4 are
-`cam3_cam_mat__.mat` and `cam4_cam_mat__.mat`. The boxes are in `GT_CMC1_Cam1.txt` (frame, identity, left, top, width, height,
-...: see `detection/fairmot/cmc/gen_labels_cmc.py` of https://github.com/linh-gist/3D-Visual-MOT; the README spells `Cam_1`).
+pixels, 4 frames per second and a room of 7.67 x 3.41 x 2.7 m. For a sequence, for example CMC1, this module reads the same
+files as the set's own scripts (`release/gen_truth.m`, `gen_meas.m`, `gen_model.m`): the folder `CMC1` with `Cam_1/*.png` to
+`Cam_4` in the order of their names, `GT_CMC1_WORLD_CENTROID.txt` (frame, identity, five times -1, centroid and half extents in
+metres, world z up), and the 3 x 4 projection matrices `cam1_cam_mat.mat`, which are in the folder of the scripts; for CMC5,
+those of cameras 3 and 4 are `cam3_cam_mat__.mat` and `cam4_cam_mat__.mat`. The boxes are in `GT_CMC1_Cam1.txt` (frame,
+identity, left, top, width, height, ...: see `detection/fairmot/cmc/gen_labels_cmc.py` of
+https://github.com/linh-gist/3D-Visual-MOT; the README spells `Cam_1`).
 
-The matrices are looked for in the sequence's folder, the one above it, and `release` or `cmc` there; a text file of the same
-name (.txt, three rows of four numbers) serves as well. The layout is known from those scripts and that README; of the files
-themselves only centroids were seen. So centroids must lie where the boxes are, or the set is refused.
+The matrices are searched for in the sequence's folder, the one above it, and `release` or `cmc` there; a text file of the same
+name (.txt, three rows of four numbers) is read too. The layout is known from those scripts and that README; of the files
+themselves only centroids were available. Therefore the set is rejected if the centroids do not lie on the boxes.
 """
 
 from __future__ import annotations
@@ -41,16 +42,16 @@ CAMERAS = (1, 2, 3, 4)
 SIZE = (1920, 1024)
 FPS = 4.0
 RECALIBRATED = {("CMC5", 3), ("CMC5", 4)}
-"""Sequence and camera with a matrix of its own."""
+"""(sequence, camera) with a separate matrix."""
 WITHIN = 1.5
-"""A centroid counts as lying on its box where it is within the box, made so many times larger."""
+"""A centroid counts as on its box if it is within the box enlarged by this factor."""
 LEAST_WITHIN = 0.5
-"""Of the sightings of a camera; calibrations of another recording bring far fewer."""
+"""Minimum share of a camera's centroids on their boxes; calibrations of another recording give a far smaller one."""
 BOX_COLUMNS, WORLD_COLUMNS = (6, 10), (10, 13)
 
 
 def read(folder: Path) -> Published:
-    """Read one sequence, the folder CMC1 say. Raises `InputError` for what is missing, broken or contradicts itself."""
+    """Read one sequence, for example the folder CMC1. Raises `InputError` for missing, broken or contradictory files."""
     world_path, sequence = _world_file(folder)
     world = _table(world_path, WORLD_COLUMNS, "frame, identity, five times -1, x, y, z and half extents")
     world = world[world[:, 1] != UNKNOWN]
@@ -78,7 +79,7 @@ def read(folder: Path) -> Published:
 
 
 def _world_file(folder: Path) -> tuple[Path, str]:
-    """The file of the centroids, and the name of the sequence."""
+    """Find the file of the centroids, and the name of the sequence."""
     found = [path for path in sorted(folder.glob("GT_*.txt")) if re.fullmatch(r"GT_.+_WORLD_CENTROID", path.stem)]
     if len(found) != 1:
         what = f"{found[0].name} and {found[1].name}" if found else "no GT_CMC1_WORLD_CENTROID.txt or the like"
@@ -87,13 +88,13 @@ def _world_file(folder: Path) -> tuple[Path, str]:
 
 
 def _box_file(folder: Path, sequence: str, number: int) -> Path:
-    """The file of a camera's boxes, in either spelling."""
+    """Return the file of a camera's boxes, in one of the two spellings."""
     spelled = [folder / f"GT_{sequence}_Cam{number}.txt", folder / f"GT_{sequence}_Cam_{number}.txt"]
     return next((path for path in spelled if path.is_file()), spelled[0])
 
 
 def _table(path: Path, columns: tuple[int, int], meaning: str) -> Floats:
-    """(N, at least `columns[0]`) numbers of a text file, separated by spaces or commas, sorted by frame and identity."""
+    """Read the numbers (N, `columns[0]` or more) of a text file, separated by spaces or commas; sort by frame and identity."""
     rows: list[Floats] = []
     width = 0
     for number, line in enumerate(read_text(path, f"a text file of rows ({meaning})").splitlines(), start=1):
@@ -123,7 +124,7 @@ def _table(path: Path, columns: tuple[int, int], meaning: str) -> Floats:
 
 
 def _check_once(table: Floats, path: Path) -> None:
-    """That no person is twice in a frame. Raises `InputError` otherwise."""
+    """Check that no person is twice in a frame. Raises `InputError` otherwise."""
     keys, counts = np.unique(table[:, :2], axis=0, return_counts=True)
     if (counts > 1).any():
         frame, who = keys[counts > 1][0].astype(int)
@@ -131,7 +132,7 @@ def _check_once(table: Floats, path: Path) -> None:
 
 
 def _boxes(path: Path) -> Boxes:
-    """The boxes of one camera."""
+    """Read the boxes of one camera."""
     table = _table(path, BOX_COLUMNS, "frame, identity, left, top, width, height")
     _check_once(table[table[:, 1] != UNKNOWN], path)
     flat = np.flatnonzero((table[:, 4:6] <= 0).any(axis=1))
@@ -145,7 +146,7 @@ def _boxes(path: Path) -> Boxes:
 
 
 def _cameras(folder: Path, sequence: str) -> tuple[list[PublishedCamera], list[str]]:
-    """The cameras from their projection matrices, and what to tell of them."""
+    """Read the cameras from their projection matrices; also return notes."""
     cameras: list[PublishedCamera] = []
     notes: list[str] = []
     for number in CAMERAS:
@@ -166,14 +167,14 @@ def _cameras(folder: Path, sequence: str) -> tuple[list[PublishedCamera], list[s
 
 
 def _centroids(boxes: Boxes, centroid: dict[tuple[int, ...], Floats]) -> tuple[Ints, Floats]:
-    """(K,) rows of the boxes whose people have a centroid, and (K, 3) those, published world."""
+    """Find the rows (K,) of the boxes whose people have a centroid, and these centroids (K, 3), published world, metres."""
     keys = list(zip(boxes.frame.tolist(), boxes.identity.tolist(), strict=True))
     rows = [row for row, key in enumerate(keys) if key in centroid]
     return np.array(rows, dtype=np.int64), np.array([centroid[keys[row]] for row in rows]).reshape(-1, 3)
 
 
 def _check_fit(camera: Camera, boxes: Boxes, points: Floats, folder: Path) -> None:
-    """That a camera sees the centroids in its boxes. Raises `InputError` where calibration and boxes contradict each other."""
+    """Check that a camera sees the centroids in its boxes. Raises `InputError` if calibration and boxes are contradictory."""
     if not len(boxes):
         raise InputError(
             f"{folder}: no box of camera {camera.name} is of a person in the ground truth: the files do not belong together"

@@ -1,16 +1,16 @@
 """EPFL's multi-camera pedestrian videos (CVLAB): Terrace, Basketball, Laboratory, Campus, Passageway.
 
-One sequence a folder, its files as published, in it or in folders below:
+A folder holds one sequence. Its files, as published, are in the folder or in folders below it:
 
 - `SEQUENCE-cN.avi` (terrace1-c0.avi, match5-c0.avi, 6p-c0.avi, campus4-c0.avi, ...): 25 frames per second, 360 x 288
-- `*-cN.xml`: Tsai's calibration, of pictures of 720 x 576; Terrace has it. Other sequences publish homographies of the ground
-  and of head height alone (calibration-*.txt). These tell neither a lens nor a pose: such a sequence needs the lenses from
-  elsewhere, as `intrinsics.toml` in the folder, and has no true poses.
-- `gt_SEQUENCE.txt`: "1"; then `frames people columns rows step first last`; then one row a frame, a number for each person:
-  the cell of a grid on the ground, counted row by row; -1 where it was not annotated; -2 where the person is outside.
-  Every `step`th frame was annotated.
-- `SEQUENCE-cN.txt`: boxes in each view as VATIC writes them, with the same identities in all views, as Xu et al. annotated
-  them ("Multi-view People Tracking via Hierarchical Trajectory Composition", CVPR 2016).
+- `*-cN.xml`: Tsai's calibration, for pictures of 720 x 576; Terrace has it. Other sequences publish only homographies of the
+  ground and of head height (calibration-*.txt). These give neither a lens nor a pose: such a sequence needs lenses from another
+  source, as `intrinsics.toml` in the folder, and has no true poses.
+- `gt_SEQUENCE.txt`: "1"; then `frames people columns rows step first last`; then one row per frame with a number for each
+  person: the cell of a grid on the ground, counted row by row; -1 if it was not annotated; -2 if the person is outside. Every
+  `step`th frame was annotated.
+- `SEQUENCE-cN.txt`: boxes in each view in VATIC's format, with the same identities in all views, annotated by Xu et al.
+  ("Multi-view People Tracking via Hierarchical Trajectory Composition", CVPR 2016).
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ _NUMBER = re.compile(r"c(\d+)$")
 
 
 LARGEST = 2**31
-"""Of the numbers in a file of positions."""
+"""Largest absolute value of the numbers in a file of positions."""
 
 
 @dataclass(frozen=True)
 class Area:
-    """The rectangle that a sequence's grid covers, in the world of its Tsai calibration, metres."""
+    """The rectangle of a sequence's grid, in the world of its Tsai calibration, metres."""
 
     x: float
     y: float
@@ -54,7 +54,7 @@ class Area:
 
 
 AREAS = {"terrace": Area(-0.5, -1.5, 7.5, 11.0)}
-"""By the beginning of the sequence's name; for the others the grid's size in metres is not published."""
+"""Beginning of the sequence's name -> area. For other sequences the grid's size in metres is not published."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def read(folder: Path) -> Published:
     """Read one sequence.
 
     Raises:
-        InputError: no videos or those of several sequences, no calibration with lenses, or a file that is broken.
+        InputError: no videos or videos of several sequences, no calibration with lenses, or a broken file.
     """
     sequence, videos = _videos(folder)
     infos = {number: probe(path) for number, path in videos.items()}
@@ -104,7 +104,7 @@ def read(folder: Path) -> Published:
 
 
 def _videos(folder: Path) -> tuple[str, dict[int, Path]]:
-    """The sequence's name, and its videos by camera number."""
+    """Find the name of the sequence, and its videos by camera number."""
     found: dict[str, dict[int, Path]] = {}
     for path in sorted(folder.rglob("*")):
         match = _VIDEO.fullmatch(path.stem)
@@ -125,7 +125,7 @@ def _videos(folder: Path) -> tuple[str, dict[int, Path]]:
 
 
 def _cameras(folder: Path, sequence: str, infos: dict[int, VideoInfo]) -> tuple[list[Camera], list[str]]:
-    """Cameras with poses from Tsai's files, or with lenses of the user's own and without poses; and what to note."""
+    """Read cameras with poses from Tsai's files, or with the user's lenses and without poses; also return notes."""
     tsai: dict[int, Path] = {}
     for path in sorted(folder.rglob("*.xml")):
         match = _NUMBER.search(path.stem)
@@ -161,7 +161,7 @@ def _cameras(folder: Path, sequence: str, infos: dict[int, VideoInfo]) -> tuple[
 
 
 def _boxes(folder: Path, sequence: str, videos: dict[int, Path]) -> dict[str, Boxes]:
-    """Boxes by camera, from VATIC's files; a camera that has none is left out."""
+    """Read the boxes by camera from VATIC's files; a camera without a file is left out."""
     boxes: dict[str, Boxes] = {}
     for number in videos:
         files = sorted(folder.rglob(f"{sequence}-c{number}.txt"))
@@ -173,7 +173,7 @@ def _boxes(folder: Path, sequence: str, videos: dict[int, Path]) -> dict[str, Bo
 
 
 def _ground(folder: Path, sequence: str) -> tuple[GroundTruth | None, list[str]]:
-    """Where people stood, in metres, as far as that is known; and what to note."""
+    """Read the positions of people in metres, None if they are unknown; also return notes."""
     files = [path for path in sorted(folder.rglob("gt_*.txt")) if sequence in path.stem.split("_")]
     if not files:
         return None, [f"No positions are given (gt_{sequence}.txt): trajectories cannot be compared."]
@@ -199,10 +199,10 @@ def read_grid(path: Path) -> tuple[Header, np.ndarray[tuple[int, ...], np.dtype[
     """Read a file of positions.
 
     Returns:
-        Its header, and (frames, people) numbers of cells; -1 where unknown, -2 outside.
+        The header, and numbers (frames, people) of cells; -1 if unknown, -2 if outside.
 
     Raises:
-        InputError: another kind of file, another number of frames or people than its header says, a cell outside the grid.
+        InputError: another kind of file, another number of frames or people than in the header, a cell outside the grid.
     """
     lines = [(n, line.split()) for n, line in enumerate(read_text(path, "positions on a grid").splitlines(), 1) if line.strip()]
     if len(lines) < 2 or len(lines[1][1]) != 7:
@@ -228,7 +228,7 @@ def read_grid(path: Path) -> tuple[Header, np.ndarray[tuple[int, ...], np.dtype[
 
 
 def _read_integers(path: Path, number: int, fields: list[str]) -> list[int]:
-    """The whole numbers of a line."""
+    """Convert the fields of a line to whole numbers. Raises `InputError` for any other field."""
     try:
         found = [int(field) for field in fields]
     except ValueError:

@@ -1,8 +1,8 @@
-"""Sets annotated as WILDTRACK is: people in the cells of a grid on the ground, and their boxes in every camera.
+"""Sets with annotations like those of WILDTRACK: people in the cells of a grid on the ground, and their boxes in each camera.
 
 `annotations_positions/NUMBER.json` is a list of people: `personID`, `positionID` (the cell, counted along x first) and `views`,
-one a camera with `viewNum` from 0 on, `xmin`, `ymin`, `xmax` and `ymax` in pixels, all -1 where the camera does not see them.
-`Image_subsets/C1/NUMBER.png`, C2 and so on hold the pictures.
+one per camera with `viewNum` from 0 on, `xmin`, `ymin`, `xmax` and `ymax` in pixels, all -1 if the camera does not see the
+person. The pictures are `Image_subsets/C1/NUMBER.png`, C2 and so on.
 """
 
 from __future__ import annotations
@@ -28,54 +28,54 @@ PICTURES = "Image_subsets"
 CORNERS = ("xmin", "ymin", "xmax", "ymax")
 UNSEEN = (-1.0, -1.0, -1.0, -1.0)
 TOLD = 5
-"""So many places are named in a note."""
+"""Maximum number of places that a note names."""
 
 
 @dataclass(frozen=True)
 class GridLayout:
-    """What differs between the sets."""
+    """The differences between the sets."""
 
     name: str
     labels: tuple[str, ...]
-    """The cameras in the names of the calibration files, in the order of `viewNum`; camera i is C(i + 1)."""
+    """Names of the cameras in the calibration files, in the order of `viewNum`; camera i is C(i + 1)."""
     cells: tuple[int, int]
-    """Cells along x and y."""
+    """Numbers of cells along x and y."""
     cell_m: float
     origin_m: tuple[float, float]
     """World position of cell 0, as published."""
     numbers_per_frame: int
-    """By how much the number of a file grows from one annotated instant to the next."""
+    """Increase of the file number from one annotated instant to the next."""
     fps: float
     size: tuple[int, int]
 
 
 @dataclass
 class _Rows:
-    """What the annotations hold, gathered file by file."""
+    """The content of the annotations, collected file by file."""
 
     frames: list[int] = field(default_factory=list)
     people: list[int] = field(default_factory=list)
     cells: list[int] = field(default_factory=list)
     corners: list[list[Corners]] = field(default_factory=list)
-    """Per person, one a camera."""
+    """For each person, corners in each camera."""
     turned: list[str] = field(default_factory=list)
-    """Boxes that end before they begin."""
+    """Places of boxes whose right or lower edge is before the left or upper one."""
     repeated: list[str] = field(default_factory=list)
 
 
 def read_grid(
     folder: Path, layout: GridLayout, read_camera: Callable[[Path, str, str], PublishedCamera], notes: tuple[str, ...]
 ) -> Published:
-    """Read a set of a layout.
+    """Read a set with a layout.
 
     Args:
-        folder: of the set, as published.
-        layout: what the set is like.
-        read_camera: from the folder of the calibrations, the label in its file names and the camera's name.
-        notes: what to tell of the set in any case.
+        folder: folder of the set, as published.
+        layout: layout of the set.
+        read_camera: reads a camera, by the folder of the calibrations, the label in its file names and the camera's name.
+        notes: notes about the set that always apply.
 
     Raises:
-        InputError: for what is missing, broken or contradicts itself.
+        InputError: for missing, broken or contradictory files.
     """
     cameras = [read_camera(folder / CALIBRATIONS, label, f"C{number}") for number, label in enumerate(layout.labels, start=1)]
     files = index_by_number(folder / ANNOTATIONS, (".json",))
@@ -124,9 +124,10 @@ def read_grid(
 def _find_first_number(
     layout: GridLayout, annotated: list[int], pictures: Mapping[str, Mapping[int, Path]]
 ) -> tuple[int, bool]:
-    """The number of the annotation of frame 1, and whether pictures count from another number.
+    """Find the file number of the annotation of frame 1, and whether pictures count from another number.
 
-    Numbers are those of the pictures, from 0 on. But the scripts of MultiviewX write annotations 1 to N of pictures 0 to N - 1.
+    Annotations usually have the numbers of their pictures, from 0 on. But the scripts of MultiviewX write annotations 1 to N
+    for pictures 0 to N - 1.
     """
     if layout.numbers_per_frame != 1 or min(annotated) != 1:
         return 0, False
@@ -136,7 +137,7 @@ def _find_first_number(
 
 
 def _frame(number: int, first: int, layout: GridLayout, path: Path) -> int:
-    """The frame, from 1 on, of a file's number. Raises `InputError` for a number between two instants."""
+    """Return the frame, from 1 on, for the number of a file. Raises `InputError` for a number between two instants."""
     if (number - first) % layout.numbers_per_frame:
         raise InputError(
             f"{path}: the number {number} is not a multiple of {layout.numbers_per_frame}: files of {layout.name} are numbered "
@@ -146,7 +147,7 @@ def _frame(number: int, first: int, layout: GridLayout, path: Path) -> int:
 
 
 def _read_annotations(files: Mapping[int, Path], layout: GridLayout, first: int) -> _Rows:
-    """All people of all files. Raises `InputError` for what cannot be right."""
+    """Read all people of all files. Raises `InputError` for impossible values."""
     rows = _Rows()
     for number, path in files.items():
         frame = _frame(number, first, layout, path)
@@ -181,7 +182,7 @@ def _read_annotations(files: Mapping[int, Path], layout: GridLayout, first: int)
 
 
 def _views(views: object, cameras: int, place: str) -> tuple[list[Corners], list[int]]:
-    """The corners in every camera, and the cameras whose box is turned over; one that is not listed does not see the person."""
+    """Return the corners in each camera, and the cameras with reversed edges; a camera that is not listed sees no person."""
     if not isinstance(views, list):
         raise InputError(f"{place}: views is {shortened(views)}: a list with one entry per camera is needed")
     found: list[Corners | None] = [None] * cameras
@@ -204,20 +205,20 @@ def _views(views: object, cameras: int, place: str) -> tuple[list[Corners], list
 
 
 def _list_some(places: list[str]) -> str:
-    """The first places of a list, and how many more there are."""
+    """Return the text of the first places of a list, and of the number of further ones."""
     more = f" and {len(places) - TOLD} more" if len(places) > TOLD else ""
     return f"{'; '.join(places[:TOLD])}{more}"
 
 
 def _ground(cells: list[int], layout: GridLayout) -> Floats:
-    """(N, 2) metres in the published world."""
+    """Return the positions (N, 2) of cells in the published world, metres."""
     cell = np.array(cells, dtype=np.int64)
     steps = np.column_stack([cell % layout.cells[0], cell // layout.cells[0]])
     return np.asarray(np.array(layout.origin_m) + layout.cell_m * steps)
 
 
 def _boxes(frame: Ints, identity: Ints, corners: Floats, size: tuple[int, int]) -> tuple[Boxes, int]:
-    """The boxes within the picture, and how many had to be cut or left out."""
+    """Cut the boxes at the picture's border; also return the number of boxes that were cut or left out."""
     low, high = np.maximum(corners[:, :2], 0), np.minimum(corners[:, 2:], size)
     inside = (high > low).all(axis=1)
     changed = int(np.count_nonzero(~inside | (np.hstack([low, high]) != corners).any(axis=1)))
@@ -228,7 +229,7 @@ def _boxes(frame: Ints, identity: Ints, corners: Floats, size: tuple[int, int]) 
 def _pictures(
     pictures: Mapping[str, Mapping[int, Path]], layout: GridLayout
 ) -> tuple[dict[str, tuple[Path, ...]], dict[str, tuple[int, ...]]]:
-    """The pictures of every camera that has some, and their frames. One picture a camera is looked at for its size."""
+    """Return the pictures of the cameras that have any, and their frames; the size of one picture per camera is checked."""
     paths, counted = {}, {}
     for name, found in pictures.items():
         if found:

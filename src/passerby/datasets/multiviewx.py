@@ -1,12 +1,12 @@
 """MultiviewX: six cameras rendered with Unity, 400 annotated instants at 2 per second (Hou et al., ECCV 2020).
 
-Layout as published (https://github.com/hou-yz/MultiviewX, whose scripts wrote it): that of WILDTRACK, but
-`calibrations/intrinsic/intr_Camera1.xml` to `Camera6` (OpenCV storage; lenses with distortion, which the pictures have),
-`calibrations/extrinsic/extr_Camera1.xml` (OpenCV storage), metres throughout, cells of 2.5 cm, 1000 along x and 640 along y,
-from the origin on.
+Layout as published (https://github.com/hou-yz/MultiviewX, whose scripts wrote it): the layout of WILDTRACK, with these
+differences: `calibrations/intrinsic/intr_Camera1.xml` to `Camera6` (OpenCV storage; lenses with distortion, which the pictures
+have), `calibrations/extrinsic/extr_Camera1.xml` (OpenCV storage), all lengths in metres, cells of 2.5 cm, 1000 along x and 640
+along y, from the origin on.
 
 The world is Unity's: z up, but left-handed. The set's calibration was fitted to its points by `cv2.calibrateCamera`, which
-knows proper rotations only, and so has all people behind the cameras. Here x is negated.
+finds only proper rotations. Therefore all people are behind its cameras. Here x is negated.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ LAYOUT = GridLayout(
 
 
 def read(folder: Path) -> Published:
-    """Read MultiviewX. Raises `InputError` for what is missing, broken or contradicts itself."""
+    """Read MultiviewX. Raises `InputError` for missing, broken or contradictory files."""
     note = "The boxes are projections of a cylinder 1.8 m high and 0.32 m wide at each position, not outlines of the people."
     return read_grid(folder, LAYOUT, _camera, (note,))
 
 
 def _camera(calibrations: Path, label: str, name: str) -> PublishedCamera:
-    """One camera as published: metres, everything behind it."""
+    """Read one camera as published: in metres, with all people behind it."""
     intrinsic = calibrations / "intrinsic" / f"intr_{label}.xml"
     extrinsic = calibrations / "extrinsic" / f"extr_{label}.xml"
     matrix = xml_numbers(intrinsic, "camera_matrix", (3, 3))

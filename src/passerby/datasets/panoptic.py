@@ -3,11 +3,11 @@
 Layout as the toolbox writes it (https://github.com/CMU-Perceptual-Computing-Lab/panoptic-toolbox): `calibration_SEQUENCE.json`
 with `cameras` (`name`, `type`, `resolution`, `K`, `distCoef` in OpenCV's order, `R`, `t` with `x_c = R X + t`, centimetres),
 `hdPose3d_stage1_coco19/body3DScene_00000000.json` (`bodies` with `id` and `joints19`: x, y, z, confidence of 19 joints),
-`hdVideos/hd_00_03.mp4`, `hdImgs/00_03/00_03_00000000.jpg`. Also read is the demo of MMPose: `camera_parameters.json`, of the
-same content, with folders of pictures beside it. HD frames come at 29.97 per second; number n is frame n + 1 here.
+`hdVideos/hd_00_03.mp4`, `hdImgs/00_03/00_03_00000000.jpg`. The demo of MMPose is read too: `camera_parameters.json`, with the
+same content, and folders of pictures in the same folder. HD videos have 29.97 frames per second; number n is frame n + 1 here.
 
-The world has y down, y = 0 the floor: the published cameras all have y < 0, and the toolbox's example of a person has the nose
-at -163 cm and the ankles at -8. Turned so that z is up: (x, y, z) becomes (x, z, -y) / 100.
+The published world has y down, with the floor at y = 0: the published cameras all have y < 0, and the toolbox's example of a
+person has the nose at -163 cm and the ankles at -8 cm. It is turned so that z is up: (x, y, z) becomes (x, z, -y) / 100.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ COCO19 = (
     "right_shoulder", "right_elbow", "right_wrist", "right_hip", "right_knee", "right_ankle", "left_eye", "left_ear",
     "right_eye", "right_ear",
 )  # fmt: skip
-"""As the toolbox's README lists them."""
+"""Joints in the order of the toolbox's README."""
 KEPT = [COCO19.index(name) for name in BODY_17]
-"""All but the neck and the middle of the hips are joints of COCO."""
+"""Indices of COCO's joints: all but the neck and the middle of the hips."""
 
 
 def read(folder: Path) -> Published:
-    """Read one sequence; its cameras are those with a video or pictures, or all HD ones where there are neither.
+    """Read one sequence; its cameras are those with a video or pictures, or all HD cameras if there are neither.
 
-    Raises `InputError` for what is missing, broken or contradicts itself.
+    Raises `InputError` for missing, broken or contradictory files.
     """
     path = _calibration(folder)
     rig = _rig(path)
@@ -74,7 +74,7 @@ def read(folder: Path) -> Published:
 
 
 def _calibration(folder: Path) -> Path:
-    """The one calibration of the folder."""
+    """Find the only calibration file of the folder."""
     found = [*sorted(folder.glob("calibration_*.json")), *sorted(folder.glob("camera_parameters.json"))]
     if not found:
         raise InputError(f"{folder}: no calibration_SEQUENCE.json: give the folder of one sequence")
@@ -84,12 +84,12 @@ def _calibration(folder: Path) -> Path:
 
 
 def _rig(path: Path) -> Rig:
-    """All HD cameras, which the keypoints belong to, z up, metres."""
+    """Read all HD cameras, which are those of the keypoints, in metres with z up."""
     return read_panoptic(path, Given(), kinds=("hd",))
 
 
 def _media(folder: Path, rig: Rig) -> tuple[dict[str, Path], dict[str, tuple[Path, ...]], dict[str, tuple[int, ...]]]:
-    """Videos, pictures and the pictures' frames, by camera; a camera with a video needs no pictures."""
+    """Find the videos, the pictures and the pictures' frames, by camera; a camera with a video needs no pictures."""
     videos, pictures, counted = {}, {}, {}
     for camera in rig:
         video = folder / "hdVideos" / f"hd_{camera.name}.mp4"
@@ -104,7 +104,7 @@ def _media(folder: Path, rig: Rig) -> tuple[dict[str, Path], dict[str, tuple[Pat
 
 
 def _skeletons(files: dict[int, Path]) -> Skeletons:
-    """The joints of COCO of all people of all files."""
+    """Read COCO's joints of all people from all files."""
     frames, people, tables = [], [], []
     for number, path in files.items():
         bodies = entry(read_json(path, "the keypoints of a time step (JSON)"), "bodies", str(path))

@@ -1,4 +1,4 @@
-"""Reading the files of published sets, MATLAB's included, with errors that name file, place, value and fix."""
+"""Reading of the files of published sets, including MATLAB's, with errors that name file, place, value and remedy."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 
 
 def read_json(path: Path, kind: str) -> Any:
-    """The content of a JSON file. Raises `InputError` where there is none; `kind` says what was expected."""
+    """Read the content of a JSON file. Raises `InputError` for any other file; `kind` describes the expected file."""
     text = read_text(path, kind)
     try:
         return parse_json(text)
@@ -33,9 +33,9 @@ def read_json(path: Path, kind: str) -> Any:
 
 
 def numbers(value: Any, shape: tuple[int, ...], place: str, meaning: str) -> Floats:
-    """The finite numbers of nested lists, reshaped to `shape` where the count is right; (-1,) takes any count.
+    """Return the finite numbers of nested lists, reshaped to `shape`; (-1,) accepts any count.
 
-    `place` is file and key, `meaning` what belongs there. Raises `InputError` for anything else.
+    `place` is file and key, `meaning` describes the expected value. Raises `InputError` for any other value or count.
     """
     try:
         return finite_numbers(value, shape)
@@ -45,31 +45,31 @@ def numbers(value: Any, shape: tuple[int, ...], place: str, meaning: str) -> Flo
 
 
 def read_whole_number(value: Any, place: str, least: int = 0) -> int:
-    """A whole number from `least` on. Raises `InputError` for anything else."""
+    """Return a whole number of at least `least`. Raises `InputError` for any other value."""
     if type(value) is not int or value < least:
         raise InputError(f"{place} is {shortened(value)}: a whole number from {least} on is needed")
     return value
 
 
 def real(value: Any, place: str) -> float:
-    """A finite number. Raises `InputError` for anything else."""
+    """Return a finite number. Raises `InputError` for any other value."""
     if type(value) not in (int, float) or not math.isfinite(value):
         raise InputError(f"{place} is {shortened(value)}: a finite number is needed")
     return float(value)
 
 
 def entry(table: Any, key: str, place: str) -> Any:
-    """`table[key]`. Raises `InputError` where `table` is no object or lacks the key."""
+    """Return `table[key]`. Raises `InputError` if `table` is not an object or lacks the key."""
     if not isinstance(table, dict) or key not in table:
         raise InputError(f"{place}: '{key}' is missing: was the file changed? Take it from the set again")
     return table[key]
 
 
 def xml_numbers(path: Path, key: str, shape: tuple[int, ...], needed: bool = True) -> Floats:
-    """The numbers of one entry of an OpenCV storage (XML): a matrix with `<data>`, or the bare text of the entry.
+    """Read the numbers of one entry of an OpenCV storage (XML): a matrix with `<data>`, or the bare text of the entry.
 
-    An entry that is not `needed` has no numbers where it is missing. Raises `InputError` for a file that is missing or no XML,
-    and for an entry that is missing, of another size or not finite.
+    A missing entry that is not `needed` gives an empty array. Raises `InputError` for a file that is missing or not XML, and
+    for a needed entry that is missing, or one of another size or not finite.
     """
     try:
         root = parse_xml(read_text(path, "an OpenCV storage (XML)"))
@@ -88,18 +88,18 @@ def xml_numbers(path: Path, key: str, shape: tuple[int, ...], needed: bool = Tru
 
 
 def text_matrix(path: Path) -> Floats:
-    """The (3, 4) projection matrix of a text file, its numbers separated by commas or spaces.
+    """Read the projection matrix (3, 4) of a text file with numbers separated by commas or spaces.
 
-    Raises `InputError` where the file is missing or holds anything else.
+    Raises `InputError` if the file is missing or has any other content.
     """
     words = read_text(path, "a projection matrix (3 rows of 4 numbers)").replace(",", " ").split()
     return numbers(_parse_words(words), (3, 4), f"{path}: the matrix", "3 rows of 4 numbers")
 
 
 def index_by_number(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> dict[int, Path]:
-    """The files of a folder by the last number in their names, ascending; none where there is no such folder.
+    """Return the files of a folder by the last number in their names, ascending; empty if the folder does not exist.
 
-    Raises `InputError` for two files of one number.
+    Raises `InputError` for two files with the same number.
     """
     found: dict[int, Path] = {}
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
@@ -114,7 +114,7 @@ def index_by_number(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> dict[
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """(width, height) of a picture. Raises `InputError` where it cannot be read."""
+    """Return (width, height) of a picture. Raises `InputError` if it cannot be read."""
     picture = cv2.imread(str(path))
     if picture is None:
         raise InputError(f"{path}: cannot be read as an image: was the download cut short?")
@@ -122,7 +122,7 @@ def picture_size(path: Path) -> tuple[int, int]:
 
 
 def check_size(path: Path, size: tuple[int, int]) -> None:
-    """That a picture has the size its calibration is of. Raises `InputError` where it has not."""
+    """Check that a picture has the size of its calibration. Raises `InputError` if it has another size."""
     found = picture_size(path)
     if found != size:
         raise InputError(
@@ -132,7 +132,7 @@ def check_size(path: Path, size: tuple[int, int]) -> None:
 
 
 def _parse_words(words: list[str]) -> list[Any]:
-    """Words as numbers, or as they are where one is none."""
+    """Convert words to numbers; if one of them is not a number, return the words."""
     try:
         return [float(word) for word in words]
     except ValueError:
@@ -140,14 +140,14 @@ def _parse_words(words: list[str]) -> list[Any]:
 
 
 def mat_variable(path: Path, key: str) -> Any:
-    """One variable: an array of numbers, or one of objects for cells. Raises `InputError` where there is none."""
+    """Read a variable of a MATLAB file: an array of numbers, or of objects for cells. Raises `InputError` if it is missing."""
     if not path.is_file():
         raise InputError(f"{path}: no such file: a MATLAB file with the variable {key} is needed here")
     try:
         content: Any = _load_variables(path)
     except NotImplementedError:
         content = _hdf5_content(path)
-    except Exception as error:  # what SciPy raises for bytes that mean something else has no end
+    except Exception as error:  # SciPy raises many kinds of exceptions for damaged files
         told = shortened_text(" ".join(str(error).split()) or type(error).__name__, 200)
         raise InputError(f"{path}: cannot be read as a MATLAB file ({told}): take it from the set again") from None
     if key not in content:
@@ -157,14 +157,14 @@ def mat_variable(path: Path, key: str) -> Any:
 
 
 def _load_variables(path: Path) -> Any:
-    """The variables, read in a process of its own: SciPy 1.17 ends its process at some damaged files."""
+    """Read the variables in a separate process, because SciPy 1.17 ends its process at some damaged files."""
     check_is_file(path, "a MATLAB file")
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         return pool.submit(loadmat, path).result()
 
 
 def mat_matrix(path: Path, key: str, shape: tuple[int, ...]) -> Floats:
-    """A variable that is a matrix of finite numbers. Raises `InputError` where it is not."""
+    """Read a variable that is a matrix of finite numbers. Raises `InputError` if it is not."""
     value = np.asarray(mat_variable(path, key))
     if value.dtype.kind not in "fiu" or value.shape != shape:
         raise InputError(
@@ -176,7 +176,7 @@ def mat_matrix(path: Path, key: str, shape: tuple[int, ...]) -> Floats:
 
 
 def _hdf5_content(path: Path) -> dict[str, Any]:
-    """The matrices of a file of version 7.3, whose columns HDF5 has as rows. Raises `InputError` where it cannot be read."""
+    """Read the matrices of a file of version 7.3, which HDF5 stores transposed. Raises `InputError` if it cannot be read."""
     try:
         h5py: Any = import_module("h5py")
     except ImportError:

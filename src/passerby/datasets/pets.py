@@ -4,9 +4,9 @@ The files as published, in one folder or in folders below it:
 
 - `View_001/frame_0000.jpg` ... (one recording: one `Time_...` folder), or `View_001.avi`
 - `View_001.xml` ...: Tsai's calibration, millimetres, the ground at z = 0
-- annotated boxes, any of: `PETS2009-S2L1.xml` (CVML, of View_001; of another view where its name has View_00N), `View_00N.txt`
-  (VATIC, the same identities in all views, by Xu et al., CVPR 2016), `gt/gt.txt` (MOTChallenge, of View_001; the 3D benchmark's
-  has positions on the ground too)
+- annotated boxes, any of: `PETS2009-S2L1.xml` (CVML, of View_001; of another view if its name has View_00N), `View_00N.txt`
+  (VATIC, the same identities in all views, by Xu et al., CVPR 2016), `gt/gt.txt` (MOTChallenge, of View_001; that of the 3D
+  benchmark also has positions on the ground)
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from passerby.interchange.formats.tsai import TsaiCamera, is_tsai, read_tsai
 from passerby.perception.video_probe import probe
 
 FPS = 7.0
-"""As the set's page has it; the pictures carry no times."""
+"""Frame rate by the set's page; the pictures have no times."""
 ANNOTATED_VIEW = "View_001"
-"""What annotations that name no view belong to."""
+"""View of the annotations that name no view."""
 UNSTEADY_VIEW = "View_004"
 PICTURE_ENDINGS = (".jpg", ".jpeg", ".png")
 VIDEO_ENDINGS = (".avi", ".mp4", ".mkv", ".mov", ".mpg")
@@ -41,7 +41,7 @@ def read(folder: Path) -> Published:
     """Read one recording.
 
     Raises:
-        InputError: no calibration, neither pictures nor videos nor boxes, several recordings, or a file that is broken.
+        InputError: no calibration, neither pictures nor videos nor boxes, several recordings, or a broken file.
     """
     tsai = _calibrations(folder)
     pictures = {view: files for view, files in _pictures(folder).items() if view in tsai}
@@ -78,7 +78,7 @@ def read(folder: Path) -> Published:
 
 
 def _index_by_view(paths: Iterable[Path], what: str) -> dict[str, Path]:
-    """Paths by view, the view's name being the path's. Raises `InputError` for two of one view."""
+    """Return paths by view; the name of a path is that of its view. Raises `InputError` for two paths of one view."""
     found: dict[str, Path] = {}
     for path in sorted(paths):
         view = _view(_VIEW.fullmatch(path.stem))
@@ -91,7 +91,7 @@ def _index_by_view(paths: Iterable[Path], what: str) -> dict[str, Path]:
 
 
 def _view(match: re.Match[str] | None) -> str | None:
-    """View_001 for View_001, view-1 and the like."""
+    """Return the name of a view as View_001, for spellings such as View_001 and view-1; None without a match."""
     return f"View_{int(match[1]):03}" if match else None
 
 
@@ -106,7 +106,7 @@ def _calibrations(folder: Path) -> dict[str, TsaiCamera]:
 
 
 def _pictures(folder: Path) -> dict[str, dict[int, Path]]:
-    """Pictures by view and by their number."""
+    """Find the pictures by view and by their number."""
     found: dict[str, dict[int, Path]] = {}
     for view, place in _index_by_view((path for path in folder.rglob("*") if path.is_dir()), "folder of images").items():
         for path in sorted(place.iterdir()):
@@ -123,7 +123,7 @@ def _videos(folder: Path) -> dict[str, Path]:
 
 
 def _size_of(picture: Path) -> tuple[int, int]:
-    """(width, height) of a picture."""
+    """Return (width, height) of a picture. Raises `InputError` if it cannot be read."""
     read = cv2.imread(str(picture))
     if read is None:
         raise InputError(f"{picture}: is not an image that can be read: fetch it again")
@@ -131,7 +131,7 @@ def _size_of(picture: Path) -> tuple[int, int]:
 
 
 def _annotations(folder: Path, views: Iterable[str]) -> tuple[dict[str, Boxes], GroundTruth | None]:
-    """Boxes by view, and positions on the ground where a file has them."""
+    """Read the boxes by view, and the positions on the ground; None if no file has them."""
     boxes: dict[str, Boxes] = {}
     known = set(views)
     for view, path in _index_by_view(folder.rglob("*.txt"), "file of boxes").items():
@@ -144,13 +144,13 @@ def _annotations(folder: Path, views: Iterable[str]) -> tuple[dict[str, Boxes], 
     ground = None
     for path in sorted(folder.rglob("gt.txt")):
         seen, ground = read_mot_truth(path)
-        if len(seen) and ANNOTATED_VIEW not in boxes:  # where it is, the positions are what is wanted
+        if len(seen) and ANNOTATED_VIEW not in boxes:  # otherwise only the positions are used
             _add(boxes, known, ANNOTATED_VIEW, seen, path)
     return boxes, ground
 
 
 def _add(boxes: dict[str, Boxes], known: set[str], view: str, seen: Boxes, path: Path) -> None:
-    """One more view's boxes. Raises `InputError` for a view without calibration, or with boxes already."""
+    """Add the boxes of a view. Raises `InputError` for a view without calibration, or with boxes already."""
     if view not in known:
         raise InputError(f"{path}: boxes of {view}, which has no calibration {view}.xml: put it there, or remove the boxes")
     if view in boxes:

@@ -1,8 +1,8 @@
-"""What a published data set holds, in Passerby's terms, with its world made right-handed and z up.
+"""The content of a published data set in Passerby's tables, with a right-handed world and z up.
 
-A projection does not tell `x_c = A X + t` from `x_c = -(A X + t)`. A calibration that was fitted to points of a left-handed
-world, but was bound to a proper rotation, hence has everything behind its cameras; the true `A` is then a rotation with a
-mirror. Who was seen by a camera tells the sign, and the sign with the determinant of `A` tells which hand the world has.
+A projection cannot distinguish `x_c = A X + t` from `x_c = -(A X + t)`. If a calibration was fitted to points of a left-handed
+world, but limited to proper rotations, all points are behind its cameras; the true `A` is then a rotation with a reflection.
+The people that a camera sees determine the sign. The sign and the determinant of `A` determine the handedness of the world.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 
 AGREEMENT = 0.95
-"""Annotations have single errors; a camera with more than the rest of its people on the other side is described wrongly."""
+"""Minimum share of a camera's people on one side of it. Single annotations may be wrong; below it, the calibration is wrong."""
 ROTATION_TOLERANCE = 1e-3
-"""Published rotations are rounded to four digits or more."""
+"""Maximum error of `R R^T`; published rotations are rounded to four digits or more."""
 SKEW_TOLERANCE_PX = 0.05
-"""OpenCV's lenses have no skew. One that moves no pixel of the picture by more than this is left out without a word."""
+"""OpenCV's lenses have no skew. A skew that moves no pixel of the picture by more than this is left out without a note."""
 LEFT_HANDED = "The published world is left-handed: x was negated, for the cameras and the people alike."
 
 
 @dataclass(frozen=True, eq=False)
 class GroundTruth:
-    """Where the people truly stood."""
+    """True positions of the people on the ground."""
 
     frame: Ints
-    """(N,) instants, counted as in the boxes."""
+    """(N,) frame numbers, counted as in the boxes."""
     identity: Ints
     """(N,) true person ids, the same as in the boxes."""
     xy: Floats
-    """(N, 2) metres on the ground, in the world of the rig."""
+    """(N, 2) positions on the ground, in the world of the rig, metres."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frame", np.asarray(self.frame, dtype=np.int64))
@@ -55,31 +55,31 @@ class GroundTruth:
 class Published:
     """A data set as read from its files.
 
-    Frames are whole numbers from 1 on, the same number is the same instant in all cameras. Where there are videos, frame f is
-    picture f of the video; where there are pictures, `picture_frames` tells which frame each is.
+    Frames are whole numbers from 1; the same number is the same instant in all cameras. Frame f is picture f of a video. For
+    single pictures, `picture_frames` states the frame of each.
     """
 
     name: str
-    """What the scene is called: letters, digits, spaces and _ . -"""
+    """Name of the scene: letters, digits, spaces and _ . -"""
     rig: Rig
-    """All cameras: lenses, and true poses where the set knows them (`pose` None where it does not). Metres, z up; the ground is
-    z = 0 where the set knows it."""
+    """All cameras: lenses, and true poses if the set has them (otherwise `pose` is None). Metres, z up; the ground is z = 0 if
+    the set states it."""
     fps: float | None
     """Frames per second of the frame numbers; None if unknown."""
     boxes: Mapping[str, Boxes] = field(default_factory=dict)
-    """By camera; the identity is the true person id, or -1 where unknown. A camera that saw no person has none, or is
+    """Camera -> boxes; the identity is the true person id, or -1 if unknown. A camera that saw no person has no rows, or is
     left out."""
     keypoints: Mapping[str, Keypoints] = field(default_factory=dict)
-    """By camera; identities as in the boxes."""
+    """Camera -> keypoints; identities as in the boxes."""
     videos: Mapping[str, Path] = field(default_factory=dict)
-    """By camera; existing files."""
+    """Camera -> existing file."""
     pictures: Mapping[str, tuple[Path, ...]] = field(default_factory=dict)
-    """By camera; existing files in the order of time."""
+    """Camera -> existing files in the order of time."""
     picture_frames: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    """By camera, the frame of each picture, ascending. A camera that is left out has its pictures counted 1, 2, 3, ..."""
+    """Camera -> frame of each picture, ascending. The pictures of a missing camera are counted 1, 2, 3, ..."""
     ground: GroundTruth | None = None
     notes: tuple[str, ...] = ()
-    """What the set does not tell, or what was assumed: whole sentences for the user."""
+    """Missing information of the set, and assumptions: whole sentences for the user."""
 
     def __post_init__(self) -> None:
         for what in ("boxes", "keypoints", "videos", "pictures", "picture_frames"):
@@ -91,7 +91,7 @@ class Published:
                 raise ValueError(f"camera {camera} has {len(frames)} numbers for {len(self.pictures.get(camera, ()))} images")
 
     def frames_of_pictures(self, camera: str) -> tuple[int, ...]:
-        """The frame of each picture of a camera."""
+        """Return the frame of each picture of a camera."""
         return self.picture_frames.get(camera) or tuple(range(1, len(self.pictures.get(camera, ())) + 1))
 
     @property
@@ -103,7 +103,7 @@ class Published:
 
     @property
     def people(self) -> int:
-        """How many people are distinguished."""
+        """Number of people with different identities."""
         columns = [boxes.identity for boxes in self.boxes.values()]
         columns += [joints.identity for joints in self.keypoints.values()]
         columns += [self.ground.identity] if self.ground is not None else []
@@ -113,30 +113,30 @@ class Published:
 
 @dataclass(frozen=True, eq=False)
 class PublishedCamera:
-    """A camera as published: `x_c = A X + t`, or minus that, metres."""
+    """A camera as published: `x_c = A X + t` or `x_c = -(A X + t)`, metres."""
 
     name: str
     lens: Lens
     A: Floats
     """(3, 3) orthonormal, determinant 1 or -1."""
     t: Floats
-    """(3,) metres."""
+    """(3,) translation, metres."""
 
 
 def right_handed(place: str, cameras: Sequence[PublishedCamera], seen: Mapping[str, Floats]) -> tuple[Rig, Floats]:
-    """The rig in a right-handed world.
+    """Convert the cameras of a set into a rig in a right-handed world.
 
     Args:
         place: the file or folder of the calibration, for messages.
-        cameras: as published.
-        seen: camera -> (N, 3) points of people it sees, published world, metres. A camera that sees no person follows
-        the others.
+        cameras: the cameras as published.
+        seen: camera -> (N, 3) points of the people that it sees, published world, metres. A camera that sees no person takes
+            the handedness of the others.
 
     Returns:
-        The rig, and (3,) factors that bring published points into its world: ones, or (-1, 1, 1) where that was left-handed.
+        The rig, and factors (3,) from the published world into the rig's: ones, or (-1, 1, 1) if it was left-handed.
 
     Raises:
-        InputError: where some people a camera sees lie in front of it and some behind, or cameras disagree about the hand.
+        InputError: some people that a camera sees lie in front of it and some behind, or cameras differ in handedness.
     """
     signs = {camera.name: _sign(place, camera, seen[camera.name]) for camera in cameras if len(seen.get(camera.name, ()))}
     hands = {camera.name: signs[camera.name] * _hand(camera.A) for camera in cameras if camera.name in signs}
@@ -156,8 +156,8 @@ def right_handed(place: str, cameras: Sequence[PublishedCamera], seen: Mapping[s
 
 
 def rotation(matrix: Floats, place: str) -> Floats:
-    """The rotation nearest to a published, rounded one. Raises `InputError` where it is none."""
-    with np.errstate(over="ignore", invalid="ignore"):  # NaN is no rotation either
+    """Return the rotation nearest to a published, rounded one. Raises `InputError` for a matrix that is not a rotation."""
+    with np.errstate(over="ignore", invalid="ignore"):  # a matrix with NaN is not a rotation
         is_rotation = bool(np.abs(matrix @ matrix.T - np.eye(3)).max() <= ROTATION_TOLERANCE)
     if not is_rotation or np.linalg.det(matrix) < 0:
         raise InputError(
@@ -168,19 +168,19 @@ def rotation(matrix: Floats, place: str) -> Floats:
 
 
 def from_projection(name: str, matrix: Floats, size: tuple[int, int], place: str) -> tuple[PublishedCamera, float]:
-    """A camera from its projection matrix, by RQ decomposition (Hartley and Zisserman 2004, section 6.2.4).
+    """Compute a camera from its projection matrix, by RQ decomposition (Hartley and Zisserman 2004, section 6.2.4).
 
     Args:
-        name: of the camera.
-        matrix: (3, 4), homogeneous pixels from metres, any scale and sign.
+        name: name of the camera.
+        matrix: (3, 4), from metres to homogeneous pixels, any scale and sign.
         size: (width, height) of the pictures.
         place: the file, for messages.
 
     Returns:
-        The camera, its lens without skew, and by how many pixels at most leaving out the skew moves a pixel of the picture.
+        The camera, with a lens without skew, and the largest shift of a pixel of the picture without the skew, pixels.
 
     Raises:
-        InputError: where the matrix is that of no camera.
+        InputError: the matrix is not that of a camera.
     """
     with np.errstate(all="ignore"):
         scaled = matrix / np.linalg.norm(matrix[2, :3])
@@ -205,7 +205,7 @@ def from_projection(name: str, matrix: Floats, size: tuple[int, int], place: str
 
 
 def skew_note(name: str, moved_px: float) -> tuple[str, ...]:
-    """What to tell of a skew that was left out."""
+    """Return the note about a skew that was left out; none if it is small."""
     if moved_px <= SKEW_TOLERANCE_PX:
         return ()
     return (
@@ -214,7 +214,7 @@ def skew_note(name: str, moved_px: float) -> tuple[str, ...]:
 
 
 def _sign(place: str, camera: PublishedCamera, points: Floats) -> int:
-    """1 where the people seen lie in front of the camera as published, -1 where they lie behind it."""
+    """Return 1 if the people that a camera sees lie in front of it as published, and -1 if they lie behind it."""
     in_front = int(np.count_nonzero((points @ camera.A.T + camera.t)[:, 2] > 0))
     if in_front >= AGREEMENT * len(points):
         return 1

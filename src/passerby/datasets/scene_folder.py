@@ -1,4 +1,4 @@
-"""A published data set as a scene folder: a scene file ready to calibrate, and the truth beside it."""
+"""A published data set as a scene folder: a scene file that can be calibrated, and the truth."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from passerby.interchange.video_writer import VideoWriter
 
 SCENE_FILE = "scene.toml"
 VIDEOS_FILE = "videos.toml"
-"""Beside a scene file of boxes or joints: the same scene from videos alone."""
+"""Second scene file, if the first one names boxes or joints: the same scene with videos only."""
 TRUTH_FILE = "truth.toml"
 MARKER = "dataset.toml"
-"""Tells where the scene came from, and by it the folder is known again."""
+"""States the source of the scene, and marks a folder as written by this module."""
 
 
 @dataclass(frozen=True)
 class SceneFolder:
-    """What was written."""
+    """The files of a written scene folder."""
 
     scene: Path
     """`scene.toml`."""
     mode: str
-    """How identities are found by it."""
+    """Mode of the association in `scene.toml`."""
     truth: Path | None
-    """`truth.toml`; None where the set knows no poses."""
+    """`truth.toml`; None if the set has no poses."""
     videos: Path | None
-    """`videos.toml`; None where `scene.toml` itself is of videos, or there are none."""
+    """`videos.toml`; None if `scene.toml` itself names videos, or there are none."""
     notes: tuple[str, ...]
-    """What was left out, and why: whole sentences."""
+    """Notes of the set, and omitted parts with the reasons: whole sentences."""
 
 
 def write_scene_folder(
@@ -55,32 +55,32 @@ def write_scene_folder(
     executor: Executor | None = None,
     tell: Progress = silent,
 ) -> SceneFolder:
-    """Write a scene folder, whole or not at all.
+    """Write a scene folder, as a whole or not at all.
 
     The folder holds `scene.toml`, `intrinsics.toml` (lenses, no poses), `truth.toml` (the rig with its true poses),
-    `ground_positions.csv` (where people truly stood), `pictures.csv` (frame and path of every picture), `dataset.toml` (where
-    it came from), and
+    `ground_positions.csv` (true positions of people), `pictures.csv` (frame and path of each picture), `dataset.toml` (the
+    source), and
 
-    - where at least two cameras have identities: `tracks/CAMERA.txt` (MOTChallenge) and `keypoints/CAMERA.json` (COCO) with
-      true identities, and `scene.toml` in mode "given". Where there are videos too, `videos.toml` names them alone.
-    - else, where there are videos: `scene.toml` names them, identities are to be found. Boxes with identities, of one camera
+    - if at least two cameras have identities: `tracks/CAMERA.txt` (MOTChallenge) and `keypoints/CAMERA.json` (COCO) with true
+      identities, and `scene.toml` in mode "given". If there are videos too, `videos.toml` names only them.
+    - otherwise, if there are videos: `scene.toml` names them, identities are to be found. Boxes with identities, of one camera
       at most, are in `truth/CAMERA.txt`.
-    - else `detections/CAMERA.txt` and `keypoints/CAMERA.json` without identities, which are to be found.
+    - otherwise `detections/CAMERA.txt` and `keypoints/CAMERA.json` without identities, which are to be found.
 
-    Videos are named by their absolute paths, for a scene folder is moved more often than a data set. Pictures are made into
-    `videos/CAMERA.mp4` where a scene cannot do without, or with `film`.
+    Videos are named by absolute paths, because a scene folder is moved more often than a data set. Videos `videos/CAMERA.mp4`
+    are made from pictures if identities are not given, or with `film`.
 
     Args:
         published: the set.
-        directory: the folder to write; one that was written by an earlier call is replaced as a whole.
-        source: the folder that the set was read from, where `directory` must not lie.
+        directory: the folder to write; a folder from an earlier call is replaced as a whole.
+        source: the folder of the set; `directory` must not lie in it.
         film: make videos of the pictures in any case.
-        executor: makes videos side by side; one after the other where it is None.
-        tell: called for each video that is made.
+        executor: makes videos in parallel; if None, they are made one after the other.
+        tell: called after each video.
 
     Raises:
-        InputError: the set tells of people in fewer than two cameras; `directory` holds something else, lies in `source`, or
-            cannot be written; a picture cannot be read.
+        InputError: the set has people in fewer than two cameras; `directory` has other content, lies in `source`, or cannot
+            be written; a picture cannot be read.
     """
     directory = Path(directory)
     if directory.resolve() == source.resolve() or source.resolve() in directory.resolve().parents:
@@ -119,7 +119,7 @@ def write_scene_folder(
 
 
 def _cameras(published: Published, given: bool, named: dict[str, str]) -> tuple[dict[str, dict[str, str]], str]:
-    """The tables of the cameras that tell of people, and the mode."""
+    """Return the tables of the cameras with people, and the mode of the association."""
     if not given and len(named) >= 2:
         return _describe_videos(named), "combined"
     tables: dict[str, dict[str, str]] = {}
@@ -138,7 +138,7 @@ def _describe_videos(named: dict[str, str]) -> dict[str, dict[str, str]]:
 
 
 def _find_pictures_to_film(published: Published) -> dict[str, tuple[Path, ...]]:
-    """The pictures of the cameras that have no video and can have one: frames from 1 on without a gap, and a known rate."""
+    """Return the pictures of cameras that can get a video: none so far, frames from 1 without a gap, and a known frame rate."""
     if published.fps is None:
         return {}
     return {
@@ -151,7 +151,7 @@ def _find_pictures_to_film(published: Published) -> dict[str, tuple[Path, ...]]:
 
 
 def _list_absent(published: Published, tables: dict[str, dict[str, str]]) -> list[str]:
-    """The cameras that the scene does without."""
+    """Return a note for each camera that is not in the scene."""
     return [
         f"{camera} is not in {SCENE_FILE}: it has no people in its view."
         for camera in published.rig.names
@@ -160,7 +160,7 @@ def _list_absent(published: Published, tables: dict[str, dict[str, str]]) -> lis
 
 
 def _explain_unfilmed(published: Published, filmed: dict[str, tuple[Path, ...]]) -> list[str]:
-    """The cameras whose pictures make no video, and why."""
+    """Return, for each camera whose pictures make no video, the reason."""
     why = "the set states no frame rate" if published.fps is None else "they do not go from frame 1 on without a gap"
     return [
         f"No video is made of the images of {camera}: {why}"
@@ -170,8 +170,8 @@ def _explain_unfilmed(published: Published, filmed: dict[str, tuple[Path, ...]])
 
 
 def _scene(published: Published, tables: dict[str, dict[str, str]], mode: str) -> str:
-    """The text of a scene file."""
-    # Videos tell their own rates.
+    """Return the text of a scene file."""
+    # Videos state their own frame rates.
     counted = all("video" not in table for table in tables.values())
     fps = {"fps": float(published.fps)} if counted and published.fps is not None else {}
     content: dict[str, Any] = {
@@ -183,7 +183,7 @@ def _scene(published: Published, tables: dict[str, dict[str, str]], mode: str) -
 
 
 def _write_people(published: Published, folder: Path, tables: dict[str, dict[str, str]]) -> None:
-    """Boxes and joints: where the tables name them, and as truth where they have identities, but are not named."""
+    """Write the boxes and joints that the tables name, and as truth other boxes with identities."""
     for camera, boxes in published.boxes.items():
         table = tables.get(camera, {})
         if "tracks" in table:
@@ -208,7 +208,7 @@ def _drop_joint_identities(joints: Keypoints) -> Keypoints:
 
 
 def _write_truth(published: Published, folder: Path) -> None:
-    """Lenses, true poses, positions on the ground, and the list of the pictures."""
+    """Write the lenses, the true poses, the positions on the ground, and the list of the pictures."""
     write_rig(folder / "intrinsics.toml", Rig(tuple(replace(camera, pose=None, sigma=None) for camera in published.rig)))
     posed = published.rig.posed()
     if len(posed):
@@ -232,7 +232,7 @@ def _write_truth(published: Published, folder: Path) -> None:
 
 
 def _film(job: tuple[Path, tuple[Path, ...], float]) -> None:
-    """Make a video of pictures; one more row or column than H.264 can take is left out."""
+    """Make a video of pictures; the last row or column is left out if the size is odd, as H.264 requires."""
     path, pictures, fps = job
     first = _picture(pictures[0])
     size = (first.shape[1] // 2 * 2, first.shape[0] // 2 * 2)
@@ -245,7 +245,7 @@ def _film(job: tuple[Path, tuple[Path, ...], float]) -> None:
 
 
 def _picture(path: Path) -> Any:
-    """(H, W, 3) BGR. Raises `InputError` where it cannot be read."""
+    """Read a picture (H, W, 3), BGR. Raises `InputError` if it cannot be read."""
     read = cv2.imread(str(path))
     if read is None:
         raise InputError(f"{path}: is not an image that can be read: fetch it again")

@@ -1,7 +1,7 @@
-"""3D joints as published, and what follows from them: joints in the pictures, and where people stood.
+"""3D joints as published, joints in the pictures by projection, and positions of people on the ground.
 
-The joints in the pictures are projections of the 3D ones through the published cameras, and so fit these exactly: they measure
-what a calibration makes of the layout of cameras and people, not of a detector's errors.
+The joints in the pictures are projections of the 3D joints through the published cameras, and fit these exactly. They test a
+calibration on the layout of cameras and people, without a detector's errors.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ PROJECTED = (
 )
 BETWEEN_ANKLES = "Ground positions are the middle between the ankles; where an ankle is missing there is none."
 BORDER_POINTS = 50
-"""A side of the picture, to see how far from its axis a camera sees."""
+"""Number of points on each side of the picture, for the largest angle from its axis that a camera sees."""
 HEADS, ANKLES = ("nose", "head_top"), ("left_ankle", "right_ankle")
 
 
 @dataclass(frozen=True, eq=False)
 class Skeletons:
-    """The 3D joints of N people at instants."""
+    """3D joints in N rows, each of one person at one instant."""
 
     frame: Ints
-    """(N,) from 1."""
+    """(N,) frame numbers from 1."""
     identity: Ints
     """(N,) true ids, or -1."""
     xyz: Floats
@@ -42,9 +42,9 @@ class Skeletons:
 
 
 def project_joints(rig: Rig, skeletons: Skeletons, place: str) -> dict[str, Keypoints]:
-    """The joints of every camera's picture; people with none are left out.
+    """Project the joints into the picture of each camera; people without any joint in it are left out.
 
-    Raises `InputError` where no camera has any joint in its picture; `place` is the file of the joints.
+    Raises `InputError` if no camera has any joint in its picture; `place` is the file of the joints.
     """
     found = {camera.name: _project_joints(camera, skeletons) for camera in rig}
     if len(skeletons.frame) and not any(len(people) for people in found.values()):
@@ -56,14 +56,14 @@ def project_joints(rig: Rig, skeletons: Skeletons, place: str) -> dict[str, Keyp
 
 
 def ground_under(skeletons: Skeletons) -> GroundTruth:
-    """Where people of known identity stood: the middle between their ankles."""
+    """Compute the positions of people of known identity on the ground: the middle between their ankles."""
     at = [skeletons.joints.index(name) for name in ANKLES]
     rows = (skeletons.score[:, at] > 0).all(axis=1) & (skeletons.identity != UNKNOWN)
     return GroundTruth(skeletons.frame[rows], skeletons.identity[rows], skeletons.xyz[rows][:, at, :2].mean(axis=1))
 
 
 def check_upright(skeletons: Skeletons, place: str) -> None:
-    """That heads are above feet. Raises `InputError` where in most people they are not."""
+    """Check that heads are above feet. Raises `InputError` if the median height of a head above the ankles is negative."""
     ankles = [skeletons.joints.index(name) for name in ANKLES]
     head = next(skeletons.joints.index(name) for name in HEADS if name in skeletons.joints)
     known = (skeletons.score[:, [*ankles, head]] > 0).all(axis=1)
@@ -76,7 +76,7 @@ def check_upright(skeletons: Skeletons, place: str) -> None:
 
 
 def _project_joints(camera: Camera, skeletons: Skeletons) -> Keypoints:
-    """The joints in one camera's picture."""
+    """Project the joints into one camera's picture."""
     assert camera.pose is not None
     points = skeletons.xyz.reshape(-1, 3) @ camera.pose.R_cw.T + camera.pose.t_cw
     pixels = camera.lens.project_rays(points)
@@ -91,9 +91,9 @@ def _project_joints(camera: Camera, skeletons: Skeletons) -> Keypoints:
 
 
 def _reach(lens: Lens) -> float:
-    """How far from its axis, as a tangent, a pinhole lens sees: the farthest of the picture's border.
+    """Return the tangent of the largest angle from its axis that a pinhole lens sees, by the picture's border.
 
-    A distortion polynomial can fold points that are farther away back into the picture.
+    A distortion polynomial can fold points at larger angles back into the picture.
     """
     along = np.linspace(0.0, 1.0, BORDER_POINTS)
     sides = [np.column_stack(side) for end in (0.0, 1.0) for side in ((along, 0 * along + end), (0 * along + end, along))]

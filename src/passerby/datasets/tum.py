@@ -1,15 +1,15 @@
-"""TUM Shelf and Campus: people before five and three cameras, with 3D joints (Belagiannis et al., CVPR 2014).
+"""TUM Shelf and Campus: people in the view of five and three cameras, with 3D joints (Belagiannis et al., CVPR 2014).
 
 Layout as published (http://campar.in.tum.de/Chair/MultiHumanPose): `Camera0/img_000000.png` (Shelf) or
-`Camera0/campus4-c0-00000.png` (Campus), `Calibration/P0.txt` (3 x 4 projection matrix, metres, rows of numbers separated
-by commas
-in Shelf and by spaces in Campus), `actorsGT.mat` with `actor3D`: a cell per actor of a cell per frame of 14 x 3 metres, empty
-where the actor is not seen. Picture n, from 0 on, is frame n + 1 here; actors are numbered from 1 on. Lenses come from the
-projection matrices by RQ decomposition (the set's own `producePmat.m` builds them from such lenses, without distortion).
+`Camera0/campus4-c0-00000.png` (Campus), `Calibration/P0.txt` (3 x 4 projection matrix, metres, rows of numbers separated by
+commas in Shelf and by spaces in Campus), `actorsGT.mat` with `actor3D`: one cell per actor, which holds one cell per frame
+with 14 x 3 metres, empty if the actor is not seen. Picture n, from 0 on, is frame n + 1 here; actors are numbered from 1 on.
+Lenses come from the projection matrices by RQ decomposition (the set's own `producePmat.m` builds them from such lenses,
+without distortion).
 
-Where there is no `Calibration`, `calibration_shelf.json` or `calibration_campus.json` is read, as
-https://github.com/microsoft/voxelpose-pytorch has it: by camera number `R`, `T` (the camera's centre, millimetres), `fx`, `fy`,
-`cx`, `cy`, `k` (k1, k2, k3) and `p` (p1, p2), with `x_c = R (X - T)`. Other derived layouts are not read.
+If there is no `Calibration`, `calibration_shelf.json` or `calibration_campus.json` is read, in the format of
+https://github.com/microsoft/voxelpose-pytorch: by camera number `R`, `T` (the camera's centre, millimetres), `fx`, `fy`, `cx`,
+`cy`, `k` (k1, k2, k3) and `p` (p1, p2), with `x_c = R (X - T)`. Other derived layouts are not read.
 
 z is up and z = 0 the floor. The frame rate is not published.
 """
@@ -50,15 +50,15 @@ JOINTS = (
     "right_ankle", "right_knee", "right_hip", "left_hip", "left_knee", "left_ankle", "right_wrist", "right_elbow",
     "right_shoulder", "left_shoulder", "left_elbow", "left_wrist", "head_bottom", "head_top",
 )  # fmt: skip
-"""As the set's README lists them."""
+"""Joints in the order of the set's README."""
 TRUTH = "actorsGT.mat"
 SETS = {5: ("shelf", (1032, 776)), 3: ("campus", (360, 288))}
-"""By number of cameras: name and picture size."""
+"""Number of cameras -> name and picture size (width, height)."""
 NO_FRAME_RATE = "The set does not state its frame rate: give fps where time matters."
 
 
 def read(folder: Path) -> Published:
-    """Read Shelf or Campus, distinguished by the number of cameras. Raises `InputError` for what is missing or broken."""
+    """Read Shelf or Campus, distinguished by the number of cameras. Raises `InputError` for missing or broken files."""
     skeletons = _skeletons(folder / TRUTH)
     cameras, notes, place = _cameras(folder)
     rig, mirror = right_handed(place, cameras, {camera.name: _project_into_picture(camera, skeletons) for camera in cameras})
@@ -82,7 +82,7 @@ def read(folder: Path) -> Published:
 
 
 def _cameras(folder: Path) -> tuple[list[PublishedCamera], list[str], str]:
-    """The cameras, what to tell of them, and the file or folder they are from."""
+    """Read the cameras; also return notes, and the file or folder of the cameras."""
     matrices = {
         int(found[1]): path
         for path in sorted((folder / "Calibration").glob("P*.txt"))
@@ -112,7 +112,7 @@ def _cameras(folder: Path) -> tuple[list[PublishedCamera], list[str], str]:
 
 
 def _size(folder: Path, cameras: int) -> tuple[int, int]:
-    """Picture size: that of a picture, else that of the set with so many cameras."""
+    """Return the picture size: that of a picture, or otherwise that of the set with this number of cameras."""
     for path in index_by_number(folder / "Camera0").values():
         return picture_size(path)
     if cameras not in SETS:
@@ -124,7 +124,7 @@ def _size(folder: Path, cameras: int) -> tuple[int, int]:
 
 
 def _derive_cameras(folder: Path, path: Path) -> list[PublishedCamera]:
-    """The cameras of VoxelPose's file."""
+    """Read the cameras of VoxelPose's file."""
     content = read_json(path, "a calibration (JSON)")
     if not isinstance(content, dict) or not content:
         raise InputError(f"{path}: holds no cameras: a table for each camera number is needed")
@@ -151,7 +151,7 @@ def _derive_cameras(folder: Path, path: Path) -> list[PublishedCamera]:
 
 
 def _skeletons(path: Path) -> Skeletons:
-    """The joints of all actors in all frames."""
+    """Read the joints of all actors in all frames."""
     actors = np.asarray(mat_variable(path, "actor3D"))
     if actors.dtype != object or not actors.size:
         raise InputError(f"{path}: actor3D is not a cell array of actors: take the file from the set again")
@@ -178,7 +178,7 @@ def _skeletons(path: Path) -> Skeletons:
 
 
 def _joints(cell: Any, place: str) -> Floats | None:
-    """(14, 3) metres of one actor in one frame, or None where the cell is empty."""
+    """Return the joints (14, 3), metres, of one actor in one frame, or None if the cell is empty."""
     value = np.asarray(cell)
     while value.dtype == object and value.size == 1:
         value = np.asarray(value.ravel()[0])
@@ -193,7 +193,7 @@ def _joints(cell: Any, place: str) -> Floats | None:
 
 
 def _project_into_picture(camera: PublishedCamera, skeletons: Skeletons) -> Floats:
-    """(K, 3) the joints that fall into the picture, whichever side of the camera they are on."""
+    """Return the joints (K, 3) whose projections are in the picture, in front of the camera or behind it."""
     points = skeletons.xyz.reshape(-1, 3)
     rays = points @ camera.A.T + camera.t
     with np.errstate(all="ignore"):

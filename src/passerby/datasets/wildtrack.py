@@ -2,12 +2,12 @@
 
 Layout as published (https://www.epfl.ch/labs/cvlab/data/data-wildtrack/): `annotations_positions/00000000.json`, 00000005, ...;
 `Image_subsets/C1/00000000.png`, ...; `calibrations/extrinsic/extr_CVLab1.xml` (`rvec` and `tvec` as bare text, centimetres),
-`calibrations/intrinsic_zero/intr_CVLab1.xml` (OpenCV storage). Its README says: the cells are 2.5 cm, 480 along x and 1440
-along y, from (-3, -9) m; `intrinsic_zero` belongs to the pictures, which are undistorted already, `intrinsic_original` to the
-raw videos. The annotations are of the pictures, so the former is read. CVLab1 to 4 and IDIAP1 to 3 are C1 to C7 (as in
+`calibrations/intrinsic_zero/intr_CVLab1.xml` (OpenCV storage). Its README states: the cells are 2.5 cm, 480 along x and 1440
+along y, from (-3, -9) m; `intrinsic_zero` belongs to the pictures, which are already undistorted, `intrinsic_original` to the
+raw videos. The annotations are of the pictures, so `intrinsic_zero` is read. CVLab1 to 4 and IDIAP1 to 3 are C1 to C7 (as in
 https://github.com/hou-yz/MVDet, multiview_detector/datasets/Wildtrack.py).
 
-The world is right-handed, z up, z = 0 the ground.
+The world is right-handed with z up; the ground is z = 0.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ METRES_PER_UNIT = 0.01
 
 
 def read(folder: Path) -> Published:
-    """Read WILDTRACK. Raises `InputError` for what is missing, broken or contradicts itself."""
+    """Read WILDTRACK. Raises `InputError` for missing, broken or contradictory files."""
     note = "The lenses are those of the undistorted images of Image_subsets; the raw videos of the set need intrinsic_original."
     return read_grid(folder, LAYOUT, _camera, (note,))
 
 
 def _camera(calibrations: Path, label: str, name: str) -> PublishedCamera:
-    """One camera of the undistorted pictures, metres."""
+    """Read one camera of the undistorted pictures, metres."""
     intrinsic = calibrations / "intrinsic_zero" / f"intr_{label}.xml"
     extrinsic = calibrations / "extrinsic" / f"extr_{label}.xml"
     matrix = xml_numbers(intrinsic, "camera_matrix", (3, 3))

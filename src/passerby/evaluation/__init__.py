@@ -1,4 +1,4 @@
-"""How far a result is from the truth: rigs, trajectories, re-ID, and reprojection.
+"""Errors of results against the truth: rigs, trajectories, re-ID, and reprojection.
 
-The only room that sees the truth. Imports `interchange`, `people` and below.
+Only this package compares results with the truth. It imports `interchange`, `people` and lower packages.
 """

@@ -1,6 +1,6 @@
 """Errors of an estimated rig against the true one: poses (CPE), scale, vertical, ground, intrinsics, stated sigmas.
 
-A wrong scale and a wrong shape are different faults, so the estimate is placed upon the truth twice:
+A wrong scale and a wrong shape are different errors, so the estimate is aligned with the truth in two ways:
 
 - *metric*: moved rigidly so that the reference camera coincides with the truth in position and orientation; means over the
   other cameras. This is the CPE of Xu, Li, Weng, Kitani, "Wide-Baseline Multi-Camera Calibration using Person
@@ -10,9 +10,10 @@ A wrong scale and a wrong shape are different faults, so the estimate is placed 
 
 A position error is `|C_est - C_true|`, an orientation error the angle of `R_est R_true^T` (R is world to camera).
 
-A rig's world is free to be turned about the vertical and moved along the ground: no measurement tells of it. So the estimate
-is placed upon the truth by the best such motion, least squares over the camera centres, which is the placement that the
-sigmas of a rig file are stated for. What remains, and what the sigmas are of, holds the errors of scale, vertical and ground.
+No measurement determines the rotation of a rig's world about the vertical and its translation along the ground. For the stated
+sigmas, the estimate is therefore placed on the truth by the best such motion, by least squares over the camera centres. The
+sigmas of a rig file are stated for this placement. The remaining errors, and the sigmas, include those of scale, vertical and
+ground.
 """
 
 from __future__ import annotations
@@ -38,17 +39,17 @@ from passerby.geometry.rotations import (
 )
 
 GRID = (17, 13)
-"""Points across and down the picture at which rays are compared."""
+"""Numbers of points along x and y of the picture at which rays are compared."""
 SAME_PX = 1e-3
 """Lenses whose rays differ by less are the same."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """One way to place the estimate upon the truth, and the errors that remain; None where undefined."""
+    """The errors that remain after one placement of the estimate on the truth; None if undefined."""
 
     position_mm: dict[str, float]
-    """Position error by camera; empty where the placement is undefined."""
+    """Position error by camera; empty if the placement is undefined."""
     orientation_deg: dict[str, float]
     """Orientation error by camera."""
     mean_position_mm: float | None
@@ -59,35 +60,35 @@ class Placement:
 
 @dataclass(frozen=True)
 class LensError:
-    """One camera's intrinsics against the true ones, which are for the same image size."""
+    """Errors of one camera's intrinsics against the true ones, which are for the same image size."""
 
     focal_percent: float
-    """Estimated over true focal length, less 1, per cent; the geometric mean of both."""
+    """Estimated over true focal length, minus 1, per cent; a focal length is the geometric mean of those along x and y."""
     principal_point_px: float
-    """Distance of the principal points."""
+    """Distance between the principal points."""
     ray_px: float | None
-    """Mean over the picture of how far the estimated lens shows a true ray from its pixel; None where it shows none. A camera
-    that is turned a little makes up for much of it.
+    """Mean distance, over the picture, between a pixel and the projection of its true ray by the estimated lens; None if it
+    projects no ray. A small rotation of the camera compensates for much of it.
     """
 
     @property
     def differs(self) -> bool:
-        """Whether the two are different lenses."""
+        """Whether the two lenses are different."""
         return self.ray_px is None or self.ray_px > SAME_PX
 
     def to_dict(self) -> dict[str, float | None]:
-        """As plain values for JSON."""
+        """Return the errors as plain values for JSON."""
         return asdict(self)
 
 
 @dataclass(frozen=True)
 class Stated:
-    """Errors after the best placement along the ground, beside the sigmas that were stated, by camera."""
+    """Errors after the best placement along the ground, and the stated sigmas, by camera."""
 
     position_mm: dict[str, float]
     orientation_deg: dict[str, float]
     position_sigma_mm: dict[str, float]
-    """Of the cameras that state one."""
+    """Stated sigmas of the positions; only of cameras that state one."""
     orientation_sigma_deg: dict[str, float]
 
     def __repr__(self) -> str:
@@ -95,16 +96,16 @@ class Stated:
 
     @property
     def position_sigmas(self) -> dict[str, float]:
-        """Errors of position as multiples of their sigmas."""
+        """Position errors divided by their sigmas."""
         return {name: self.position_mm[name] / sigma for name, sigma in self.position_sigma_mm.items() if sigma > 0}
 
     @property
     def orientation_sigmas(self) -> dict[str, float]:
-        """Errors of orientation as multiples of their sigmas."""
+        """Orientation errors divided by their sigmas."""
         return {name: self.orientation_deg[name] / sigma for name, sigma in self.orientation_sigma_deg.items() if sigma > 0}
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """Return errors and sigmas as plain values for JSON."""
         position, orientation = self.position_sigmas, self.orientation_sigmas
         return {
             "cameras": [
@@ -128,7 +129,7 @@ class Stated:
 
 @dataclass(frozen=True)
 class Comparison:
-    """An estimated rig against the true one."""
+    """Errors of an estimated rig against the true one."""
 
     names: tuple[str, ...]
     """The cameras compared: those of the truth that have a pose in the estimate."""
@@ -144,11 +145,11 @@ class Comparison:
     ground_error_mm: float | None
     """Height of the estimated ground over the true one, below the cameras' centroid, after the similarity."""
     stated: Stated | None = None
-    """The errors that the stated sigmas are of; None where it is undefined."""
+    """Errors for the comparison with the stated sigmas; None if undefined."""
     lenses: Mapping[str, LensError] = field(default_factory=dict)
     """Errors of the intrinsics, of cameras whose image size is the same in both rigs."""
     measured: MeasuringErrors | None = None
-    """How far off the rig measures points and places on the ground; None where it was not asked for, or is undefined."""
+    """Errors of points and of places on the ground that the rig measures; None if not requested, or undefined."""
 
     def __repr__(self) -> str:
         mean, turn = self.similarity.mean_position_mm, self.similarity.mean_orientation_deg
@@ -157,7 +158,7 @@ class Comparison:
         return f"Comparison({len(self.names)} cameras, {len(self.missing)} missing{errors}{scale})"
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON: no NaN, None where undefined."""
+        """Return the comparison as plain values for JSON: no NaN, None if undefined."""
         cameras = [
             {
                 "name": name,
@@ -204,9 +205,9 @@ def compare(estimate: Rig, truth: Rig, reference: str | None = None) -> Comparis
     """Compare an estimated rig with the true one.
 
     Args:
-        estimate: cameras without a pose, or not in it, count as missing; cameras that the truth lacks are left out.
-        truth: cameras without a pose are left out.
-        reference: the camera that coincides in the metric placement; the truth's first with an estimated pose, unless given.
+        estimate: estimated rig; cameras without a pose in it count as missing; cameras that the truth lacks are left out.
+        truth: true rig; cameras without a pose are left out.
+        reference: camera that coincides in the metric placement; None: the truth's first camera with an estimated pose.
 
     Raises:
         InputError: no camera has a pose in both, or the reference has none.
@@ -254,20 +255,20 @@ def compare(estimate: Rig, truth: Rig, reference: str | None = None) -> Comparis
 def compare_measuring(
     estimate: Rig, truth: Rig, reference: str | None = None, people: Mapping[str, Boxes] | None = None
 ) -> Comparison:
-    """The comparison with how far off the rig measures.
+    """Compare an estimated rig with the true one, including the errors of points and places that it measures.
 
-    `people` as of `measuring_errors`; all else as of `compare`.
+    `people` as in `measuring_errors`; the other arguments as in `compare`.
     """
     return replace(compare(estimate, truth, reference), measured=measuring_errors(estimate, truth, people))
 
 
 def place(estimate: Sequence[Pose], truth: Sequence[Pose]) -> Similarity | None:
-    """The world motion that takes the estimated cameras to the true ones.
+    """Compute the similarity of the world that moves the estimated cameras to the true ones.
 
-    The rotation is the chordal mean of `R_true^T R_est`, scale and translation are least squares over the centres.
+    The rotation is the chordal mean of `R_true^T R_est`; scale and translation are found by least squares over the centres.
 
     Returns:
-        The motion, metres to metres; None where undefined: fewer than two cameras, cameras at one place, or an estimate so
+        The similarity, metres to metres; None if undefined: fewer than two cameras, cameras at one place, or an estimate so
         wrong that no positive scale fits.
     """
     if len(estimate) < 2:
@@ -291,7 +292,7 @@ def _poses(rig: Rig) -> dict[str, Pose]:
 
 
 def _placement(names: Sequence[str], placed: Sequence[Pose] | None, truth: Sequence[Pose], counted: Sequence[int]) -> Placement:
-    """Errors of all cameras, with mean and median over those counted."""
+    """Compute the errors of all cameras, with mean and median over the cameras in `counted`."""
     if placed is None:
         return Placement({}, {}, None, None, None, None)
     position = [float(1000 * np.linalg.norm(p.centre - t.centre)) for p, t in zip(placed, truth, strict=True)]
@@ -308,7 +309,7 @@ def _placement(names: Sequence[str], placed: Sequence[Pose] | None, truth: Seque
 
 
 def _ground_error_mm(up: Floats, origin: Floats, centroid: Floats) -> float | None:
-    """Height (mm, sign dropped) of the plane through `origin` with normal `up`, straight below `centroid`; None if upright."""
+    """Compute the absolute height, mm, of the plane through `origin` with normal `up` below `centroid`; None if vertical."""
     if abs(up[2]) < 1e-6:
         return None
     height = origin[2] - (up[0] * (centroid[0] - origin[0]) + up[1] * (centroid[1] - origin[1])) / up[2]
@@ -316,7 +317,7 @@ def _ground_error_mm(up: Floats, origin: Floats, centroid: Floats) -> float | No
 
 
 def lens_error(estimate: Lens, truth: Lens) -> LensError | None:
-    """The error of a lens; None where the two are for different image sizes."""
+    """Compute the error of a lens; None if the two lenses are for different image sizes."""
     if estimate.size != truth.size:
         return None
     width, height = truth.size
@@ -334,14 +335,14 @@ def lens_error(estimate: Lens, truth: Lens) -> LensError | None:
 
 
 def _measure_coverage(errors: dict[str, float], sigmas: float) -> float | None:
-    """The share of the errors within so many sigmas; None where no sigma is stated."""
+    """Compute the share of the errors, in sigmas, up to a number of sigmas; None if no sigma is stated."""
     return float(np.mean([error <= sigmas for error in errors.values()])) if errors else None
 
 
 def compare_stated_sigmas(estimate: Sequence[Camera], truth: Sequence[Pose]) -> Stated | None:
-    """Errors and sigmas of cameras with poses, the true poses in the same order, z up in both worlds.
+    """Compute the errors and sigmas of cameras with poses; the true poses have the same order, and z is up in both worlds.
 
-    None where the placement is not defined: fewer than two cameras, or all above one place.
+    None if the placement is undefined: fewer than two cameras, or all above one place.
     """
     poses = [camera.pose for camera in estimate if camera.pose is not None]
     ours, true = (np.array([pose.centre for pose in of]).reshape(-1, 3) for of in (poses, truth))

@@ -1,8 +1,8 @@
-"""Two rigs of the same cameras compared with people: which of them places people more consistently, and by how much.
+"""Comparison of two rigs of the same cameras by people: the rig that places people more consistently, and the difference.
 
-For each rig every camera's people are compared with where the other cameras put them (`one_against_others`). Residuals of one
-person are alike from one time step to the next, so the recording is divided into stretches: the difference of the two rigs is
-found in each camera and stretch, and its sigma comes from how the stretches differ.
+For each rig, each camera's people are compared with their places by the other cameras (`one_against_others`). Residuals of one
+person are correlated over time, so the recording is divided into stretches. The difference of the two rigs is computed for each
+camera and stretch; its sigma is computed from the differences between stretches.
 """
 
 from __future__ import annotations
@@ -23,30 +23,31 @@ from passerby.people.one_against_others import CameraDisagreements, disagreement
 
 STRETCH_S = 10.0
 FEWEST = 20
-"""People in a camera and stretch, for a median of it."""
+"""Minimum number of sightings in a camera and stretch, for a median."""
 FEWEST_STRETCHES = 4
-"""For a sigma from how they differ."""
+"""Minimum number of stretches, for a sigma."""
 SURE_SIGMAS = 2.0
-"""A difference below is none."""
+"""A difference is significant above this number of sigmas."""
 
 Better = Literal["first", "second", "neither"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RigOnPeople:
-    """How well one rig places the people of a recording."""
+    """Consistency of one rig on the people of a recording."""
 
     median_px: float | None
-    """Of all cameras: distance from where the others put a person. None: they are behind the camera; likewise the others."""
+    """Median distance of people, in all cameras, from the projections of their places by the other cameras. None: behind the
+    camera; likewise for the other fields."""
     p90_px: float | None
     ground_50_m: float | None
-    """Half of the people are put no farther than this from where the other cameras put them."""
+    """Median distance on the ground between a person's place by one camera and that by the other cameras, metres."""
     ground_90_m: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraOnPeople:
-    """One camera's part in the difference."""
+    """Median distances of the people in one camera with each rig, and the number of sightings."""
 
     first_px: float | None
     second_px: float | None
@@ -55,39 +56,39 @@ class CameraOnPeople:
 
 @dataclass(frozen=True, kw_only=True)
 class PeopleComparison:
-    """Two rigs, and what the same people say of them."""
+    """Comparison of two rigs on the same people."""
 
     first: RigOnPeople
     second: RigOnPeople
     cameras: Mapping[str, CameraOnPeople]
     difference_px: float
-    """Median residual of the second rig less that of the first, mean over stretches: above 0 where the first is better."""
+    """Median residual of the second rig minus that of the first, mean over stretches: above 0 if the first is better."""
     sigma_px: float | None
-    """None of fewer than `FEWEST_STRETCHES`."""
+    """One sigma of the difference; None for fewer than `FEWEST_STRETCHES`."""
     stretches: int
     better: Better
-    """By `SURE_SIGMAS` or more."""
+    """The rig that is better by more than `SURE_SIGMAS`."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return the comparison as plain values for JSON."""
         return asdict(self)
 
 
 def compare_on_people(
     first: Rig, second: Rig, instants: Observations, person_height_m: float, *, shape: bool = False
 ) -> PeopleComparison:
-    """Hold two rigs of the same cameras against the people of a recording that neither was made from.
+    """Compare two rigs of the same cameras on the people of a recording that was used for neither of them.
 
     Args:
-        first: metres, z up, the ground at z = 0.
-        second: likewise. Cameras that only one of the two has a pose of are left out.
-        instants: people at common time steps, with identities that hold over the cameras.
+        first: first rig; metres, z up, ground at z = 0.
+        second: second rig, likewise. Cameras with a pose in only one of the two are left out.
+        instants: people at common time steps, with the same identities in all cameras.
         person_height_m: typical standing height.
-        shape: move the second rig onto the first by the best similarity before: its own frame and scale do not count.
+        shape: first move the second rig onto the first by the best similarity, so that its frame and scale do not count.
 
     Raises:
         InputError: fewer than two cameras in common.
-        EvidenceError: too few people whom two of them see.
+        EvidenceError: too few people that two of the cameras see.
     """
     shared = [name for name in first.posed().names if name in second.posed().names and name in instants.cameras]
     if len(shared) < 2:
@@ -132,11 +133,11 @@ def compare_on_people(
 
 
 def _difference(medians: Floats, stretch: Ints) -> tuple[float, float | None, int]:
-    """Mean difference over the stretches, its sigma, and their number.
+    """Compute the mean difference over the stretches, its sigma, and the number of stretches.
 
     Args:
-        medians: (K, 2) of both rigs, pixels.
-        stretch: (K,) which stretch each is of; several cameras of one count as one.
+        medians: (K, 2) medians of both rigs, pixels.
+        stretch: (K,) stretch of each row; the mean over the cameras of a stretch counts as one value.
     """
     largest = float(np.max(medians, initial=1.0, where=np.isfinite(medians)))
     gain = np.diff(np.minimum(medians, 10 * largest), axis=1)[:, 0]
@@ -157,7 +158,7 @@ def _compare_on_people(side: Mapping[str, CameraDisagreements]) -> RigOnPeople:
 
 
 def _find_percentile(values: Floats, percent: float) -> float | None:
-    """What so many values in a hundred are not above; None where that is infinite."""
+    """Compute a percentile of the values; None if it is infinite."""
     found = float(np.percentile(values, percent, method="inverted_cdf"))
     return found if np.isfinite(found) else None
 

@@ -1,10 +1,10 @@
 """Reprojection errors on annotated correspondences: RPE and ERR of Xu et al., CVPR 2021, section 5 (their Table 2).
 
-A correspondence is one point of the world, marked in two or more pictures by a person who sees it there; its place in the
-world is not known, so the measure needs no true cameras. Each is triangulated from its marks with the estimated cameras (least
-squares over the angles of all its rays), projected into every picture in which it is marked, and compared with the mark there.
-RPE is the mean distance in pixels over all marks, ERR is RPE / min(height, width) of the pictures. A rig that is wrong in the
-same way for all cameras (scale, place) has none: this is about the shape alone.
+A correspondence is one point of the world that an annotator marked in two or more pictures. Its place in the world is unknown,
+so the measure needs no true cameras. Each point is triangulated from its marks with the estimated cameras (least squares over
+the angles of all its rays), projected into each picture in which it is marked, and compared with the mark there. RPE is the
+mean distance in pixels over all marks, ERR is RPE / min(height, width) of the pictures. An error that all cameras share (scale,
+place) does not change them: they measure only the shape of the rig.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from passerby.geometry.triangulation import triangulate
 
 @dataclass(frozen=True)
 class Reprojection:
-    """How well annotated correspondences fit the cameras."""
+    """Errors of the cameras on annotated correspondences."""
 
     rpe_px: float
-    """Mean distance of a mark from its point's projection. It counts as the picture's diagonal at the most, and where there is
-    no projection, because the point lies behind the camera or the rays never meet: one point near a camera's plane projects
-    as far away as one likes, and would hide all others."""
+    """Mean distance between a mark and its point's projection. A distance is at most the picture's diagonal, which is also its
+    value if there is no projection because the point lies behind the camera or the rays do not meet. Without this limit, a
+    point near a camera's plane, whose projection can be arbitrarily far away, would dominate the mean."""
     err: float
     """RPE over the shortest side of any of the pictures; a fraction."""
     correspondences: int
-    """Those that two or more cameras with a pose have marked."""
+    """Number of correspondences that are marked in two or more cameras with a pose."""
     lost: int
-    """Those that could not be judged, because fewer cameras have a pose."""
+    """Number of other correspondences with two or more marks, of which fewer than two cameras have a pose."""
 
 
 def reprojection_error(rig: Rig, marks: Mapping[str, Floats]) -> Reprojection | None:
-    """RPE and ERR of an estimated rig; None where two posed cameras have no correspondence in common.
+    """Compute RPE and ERR of an estimated rig; None if no two cameras with a pose have a correspondence in common.
 
     Args:
-        rig: with poses; cameras without one are left out.
-        marks: camera -> (N, 2) pixels of the correspondences, distorted as the picture has them; NaN where not marked.
+        rig: rig with poses; cameras without one are left out.
+        marks: camera -> (N, 2) pixels of the correspondences in the distorted picture; NaN if not marked.
 
     Raises:
         InputError: cameras with different numbers of correspondences, or a camera that the rig lacks.
@@ -80,16 +80,16 @@ def reprojection_error(rig: Rig, marks: Mapping[str, Floats]) -> Reprojection | 
 
 
 def median_residuals(rig: Rig, observations: Observations) -> dict[str, float]:
-    """How far what each camera saw lies from where all cameras together put it: median of the reprojection error, pixels.
+    """Compute the median reprojection error of each camera, pixels.
 
-    Joints where there are any that two cameras share, else centres of boxes; each is triangulated from all cameras that saw it.
+    Joints are used if two cameras share any, otherwise centres of boxes. Each is triangulated from all cameras that saw it.
 
     Args:
         rig: cameras without a pose are left out.
-        observations: at common instants, with identities over all cameras.
+        observations: observations at common instants, with identities over all cameras.
 
     Returns:
-        For each camera that shares something with another one.
+        Camera -> median error, of each camera that shares a joint or a box with another one.
     """
     posed = [camera for camera in rig if camera.pose is not None and camera.name in observations.cameras]
     poses = [camera.pose for camera in posed if camera.pose is not None]
@@ -118,13 +118,13 @@ def median_residuals(rig: Rig, observations: Observations) -> dict[str, float]:
 
 
 def _centres(seen: CameraObservations) -> tuple[Ints, Floats]:
-    """(N, 3) frame, identity, 0, and (N, 2) pixels of boxes' centres."""
+    """Return keys (N, 3) frame, identity, 0, and pixels (N, 2) of the centres of boxes."""
     boxes = seen.boxes.take(seen.boxes.identity > UNKNOWN)
     return np.column_stack([boxes.frame, boxes.identity, np.zeros_like(boxes.frame)]), boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
 
 
 def _joints(seen: CameraObservations) -> tuple[Ints, Floats]:
-    """(N, 3) frame, identity, number of the joint, and (N, 2) pixels of the joints that were found."""
+    """Return keys (N, 3) frame, identity, number of the joint, and pixels (N, 2) of the detected joints."""
     joints = seen.keypoints.take(seen.keypoints.identity > UNKNOWN)
     body, joint = np.nonzero(joints.score > 0)
     return np.column_stack([joints.frame[body], joints.identity[body], joint]), joints.xy[body, joint]

@@ -1,12 +1,12 @@
-"""How well people are found again by their looks: CMC rank-k and mean average precision, by the protocol of Market-1501.
+"""Metrics of re-identification by appearance: CMC rank-k and mean average precision, by the protocol of Market-1501.
 
 Source: Zheng, Shen, Tian, Wang, Wang, Tian, "Scalable Person Re-identification: A Benchmark", ICCV 2015. For each query the
 pictures of the gallery are sorted by their distance from it. Pictures of the same person by the same camera, and junk, are
-passed over as if they were not there; distractors are wrong. Rank-k is the share of the queries with a right picture among the
-first k. The average precision (AP) of a query is the mean, over the ranks of its right pictures, of the share of right pictures
-up to that rank: the convention of today's papers and of torchreid and fast-reid. Market-1501's first MATLAB code takes the area
-under the curve of precision over recall by trapezoids between those ranks instead, which gives other figures: for right
-pictures at ranks 1 and 3, (1/1 + 2/3) / 2 = 0.833 here and (1 + (1/2 + 2/3) / 2) / 2 = 0.792 there.
+ignored; distractors are wrong. Rank-k is the share of the queries with a right picture among the first k. The average precision
+(AP) of a query is the mean, over the ranks of its right pictures, of the share of right pictures up to that rank. This is the
+convention of current papers and of torchreid and fast-reid. The first MATLAB code of Market-1501 instead takes the area under
+the curve of precision over recall, by trapezoids between those ranks. The results differ: for right pictures at ranks 1 and 3,
+(1/1 + 2/3) / 2 = 0.833 here and (1 + (1/2 + 2/3) / 2) / 2 = 0.792 there.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from passerby.common.errors import InputError
 Flags = NDArray[np.bool_]
 Distances = NDArray[np.floating[Any]]
 DistanceRows = Callable[[int, int], Distances]
-"""The rows from one number up to another of a table of distances (queries, gallery)."""
+"""Function that returns the rows from one index up to another (excluded) of a table of distances (queries, gallery)."""
 
 RANKS = (1, 5, 10)
 JUNK = -1
 """A picture of the gallery that counts neither as right nor as wrong."""
 AT_ONCE = 2_000_000
-"""Distances that are sorted at once; at some 40 bytes each, 80 MB."""
+"""Number of distances that are sorted at once; at about 40 bytes each, 80 MB."""
 
 
 @dataclass(frozen=True)
 class RetrievalScore:
-    """How well people were found."""
+    """Result of a retrieval."""
 
     cmc: dict[int, float]
     """k -> rank-k, the share of the queries with a right picture among the first k, 0 to 1."""
     mean_average_precision: float
     """mAP, 0 to 1."""
     queries: int
-    """Queries that count."""
+    """Number of queries that count."""
     left_out: int
-    """Queries without any right picture in the gallery; they count for nothing."""
+    """Number of queries without any right picture in the gallery; they do not count."""
     gallery: int
-    """Pictures in the gallery, junk and distractors too."""
+    """Number of pictures in the gallery, with junk and distractors."""
 
     @property
     def rank_1(self) -> float:
@@ -54,7 +54,7 @@ class RetrievalScore:
         return self.cmc[1]
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """Return the result as plain values for JSON."""
         ranks = {f"rank_{k}": share for k, share in self.cmc.items()}
         return ranks | {"map": self.mean_average_precision, "queries": self.queries, "left_out": self.left_out,
                         "gallery": self.gallery}  # fmt: skip
@@ -71,23 +71,22 @@ def retrieval_score(
     across: bool = False,
     apart: Flags | None = None,
 ) -> RetrievalScore:
-    """CMC and mAP; see the module.
+    """Compute CMC and mAP; see the module.
 
     Args:
-        distance: (Q, G), any numbers of which smaller means more alike; or a function that gives rows of them, so that they
-            never lie in memory all at once. Of equal ones the picture that comes first in the gallery comes first.
-        query_person: (Q,) numbers from 0 on.
-        query_camera: (Q,) numbers.
-        gallery_person: (G,) numbers as in `query_person`; `JUNK`; anything else below 0 is a distractor.
+        distance: (Q, G), any numbers, smaller for more similar pictures; or a function that returns rows of them, so that they
+            need not be in memory all at once. Equal distances are sorted by the order of the gallery.
+        query_person: (Q,) numbers of people, from 0.
+        query_camera: (Q,) numbers of cameras.
+        gallery_person: (G,) numbers as in `query_person`; `JUNK`; any other number below 0 is a distractor.
         gallery_camera: (G,) numbers as in `query_camera`.
         ranks: the k of rank-k; 1 is added.
-        across: all pictures of the query's camera are passed over, not only the same person's.
-        apart: (P, P) by people's numbers who are known to be two; others than the query's person who may be that very
-        person are
-            passed over. None: all are.
+        across: ignore all pictures of the query's camera, not only those of the same person.
+        apart: (P, P), by numbers of people, whether two are known to be different. Pictures of other people that may be the
+            query's person are ignored. None: all people are known to be different.
 
-    Raises `InputError` for columns that do not fit together, a query of no person, a rank below 1, a distance that is not a
-    number, and queries of which none has a right picture.
+    Raises `InputError` for columns that do not fit together, a query without a person, a rank below 1, a distance that is not a
+    finite number, and queries of which none has a right picture.
     """
     columns = [np.asarray(column, dtype=np.int64) for column in (query_person, query_camera, gallery_person, gallery_camera)]
     who, where, whom, by = columns
@@ -119,14 +118,14 @@ def retrieval_score(
 
 
 def _rank_gallery(distance: Distances, right: Flags, passed: Flags) -> tuple[Floats, Ints]:
-    """Average precision and rank of the first right picture (from 1), of the queries (N, G) that have one."""
+    """Compute average precision and rank (from 1) of the first right picture, for the queries of (N, G) that have one."""
     if distance.shape != right.shape:
         raise InputError(f"the distances have the shape {distance.shape}: {right.shape} is needed")
     if not np.isfinite(distance).all():
         raise InputError("a distance is not a finite number: check the embeddings")
     having = np.flatnonzero(right.any(axis=1))
     counted = np.where(passed[having], np.inf, distance[having])
-    # Only the ranks of the few right pictures matter: a sort of the values is several times faster than a stable one of rows.
+    # Only the ranks of the few right pictures are needed: a sort of values is several times faster than a stable argsort.
     ascending = np.sort(counted, axis=1)
     precision, first = np.zeros(len(having)), np.zeros(len(having), dtype=np.int64)
     for row, query in enumerate(having.tolist()):
@@ -143,7 +142,7 @@ def _rank_gallery(distance: Distances, right: Flags, passed: Flags) -> tuple[Flo
 
 
 def _check(distance: Distances | DistanceRows, columns: Sequence[Ints], ranks: Sequence[int]) -> None:
-    """Raise `InputError` where the arguments do not fit together."""
+    """Raise `InputError` if the arguments do not fit together."""
     who, where, whom, by = columns
     if any(column.ndim != 1 for column in columns) or len(who) != len(where) or len(whom) != len(by):
         shapes = ", ".join(str(column.shape) for column in columns)

@@ -1,7 +1,8 @@
-"""How far people's trajectories over the ground lie from the true ones.
+"""Errors of people's trajectories on the ground against the true ones.
 
-The estimated world is placed upon the true one as cameras are when they are judged (`passerby.evaluation.metrics`): *metric*,
-the reference camera coincides, and *similarity*, which forgives the scale. Distances are measured on the ground plane.
+The estimated world is placed on the true one as in the comparison of cameras (`passerby.evaluation.metrics`): *metric*, the
+reference camera coincides, and *similarity*, which also removes the error of the scale. Distances are measured on the ground
+plane.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from passerby.evaluation.metrics import place
 from passerby.geometry.rotations import Similarity
 
 REACH_M = 2.0
-"""Ways that are farther apart than that show different people: who matches whom is chosen by the instants they are nearer."""
+"""Places of the same person are nearer than this: people are matched by the instants at which places are nearer."""
 LONGEST_STEP_S = 1.0
-"""True places farther apart in time are not interpolated between, unless all are."""
+"""Maximum time between two true places for an interpolation; a longer median step of a person's true places raises it."""
 ROWS_AT_ONCE = 20_000
 WITHIN_M = (0.15, 0.26, 0.59)
-"""The goal of Passerby on simulated scenes, and the paper's best and worst mean distance on its three real ones."""
+"""The goal of Passerby on simulated scenes, and the paper's best and worst mean distance on its three real scenes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,34 +34,34 @@ class GroundTruth:
     """M true places, sorted by identity, then by time. True world: z up, ground at z = 0, metres."""
 
     identity: Ints
-    """(M,)"""
+    """(M,) true identities."""
     time_s: Floats
-    """(M,) on the time of the trajectories, seconds."""
+    """(M,) times on the clock of the trajectories, seconds."""
     xy: Floats
-    """(M, 2)"""
+    """(M, 2) places on the ground, metres."""
 
     @classmethod
     def of(cls, identity: Ints, time_s: Floats, xy: Floats) -> GroundTruth:
-        """Sort the places."""
+        """Return the places, sorted by identity and time."""
         order = np.lexsort((time_s, identity))
         return cls(identity[order], time_s[order], xy[order])
 
 
 @dataclass(frozen=True)
 class Distances:
-    """How far places lie from the true ones, metres; None where there is nothing to compare."""
+    """Distances of places from the true ones, metres; None if there is nothing to compare."""
 
     places: int
     mean_m: float | None
     median_m: float | None
     p95_m: float | None
     within: dict[str, float]
-    """Share of the places within so many metres."""
+    """Distance of `WITHIN_M`, as a text -> share of the places within it."""
     within_sigma: float | None
-    """Share of the places that are nearer than their own sigma."""
+    """Share of the places whose distance is at most their own sigma."""
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """Return the distances as plain values for JSON."""
         return {
             "places": self.places, "mean_m": self.mean_m, "median_m": self.median_m, "p95_m": self.p95_m,
             "within_m": self.within, "within_sigma": self.within_sigma,
@@ -69,22 +70,22 @@ class Distances:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Trajectories against the truth, in one placement."""
+    """Errors of trajectories against the truth, in one placement."""
 
     distances: Distances
     by_cameras: dict[str, Distances]
-    """Places that several cameras saw, one camera, none."""
+    """Distances of places that several cameras saw ("several"), one camera ("one") or no camera ("none")."""
     matched: dict[int, int]
     """Identity -> true identity."""
     unmatched: tuple[int, ...]
-    """Identities that no trajectory fits: a second identity of a person, or none."""
+    """Identities without a true identity: a second identity of a person, or no person."""
     missing: tuple[int, ...]
-    """True identities that no identity fits."""
+    """True identities without an identity."""
     covered: float | None
     """Share of the true places, between the first and the last instant, at which the person has an estimate."""
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """Return the errors as plain values for JSON."""
         return {
             **self.distances.to_dict(), "by_cameras": {name: part.to_dict() for name, part in self.by_cameras.items()},
             "matched": len(self.matched), "unmatched": list(self.unmatched), "missing": list(self.missing),
@@ -93,12 +94,12 @@ class Judgement:
 
 
 def placements(estimate: Rig, truth: Rig, reference: str | None = None) -> dict[str, Similarity]:
-    """The motions that take the estimated world to the true one: `metric`, and `similarity` where it is defined.
+    """Compute the motions from the estimated world to the true one: `metric`, and `similarity` if it is defined.
 
     Args:
         estimate: cameras with poses.
-        truth: cameras with poses, of the same names.
-        reference: the camera that coincides in the metric placement; the truth's first that both have, unless given.
+        truth: cameras with poses, with the same names.
+        reference: camera that coincides in the metric placement; None: the truth's first camera that has both poses.
 
     Raises:
         InputError: no camera has a pose in both, or the reference has none.
@@ -125,11 +126,11 @@ def judge(found: Trajectories, truth: GroundTruth, placement: Similarity | None 
     """Compare trajectories with the truth.
 
     Args:
-        found: in their own world.
-        truth: in the true one, on the same time.
-        placement: from the one to the other; None: they are the same.
-        same_ids: identities are those of the truth. Else people are matched one to one so that as many places as possible are
-            within `REACH_M`, the nearer the better.
+        found: trajectories in their own world.
+        truth: true places in the true world, on the same clock.
+        placement: motion from the first world to the second; None: the worlds are the same.
+        same_ids: identities are those of the truth. Otherwise people are matched one to one so that the sum of
+            1 - distance / `REACH_M` over all nearer places is as large as possible.
     """
     ground = np.column_stack([found.xyz[:, :2], np.zeros(len(found))])
     own = (placement.apply(ground) if placement else ground)[:, :2]
@@ -158,12 +159,12 @@ def judge(found: Trajectories, truth: GroundTruth, placement: Similarity | None 
 
 
 def compare_places(found: Trajectories, other: Trajectories, placement: Similarity) -> Distances:
-    """How far the same people's places by other cameras lie from these: what the difference of the cameras alone does.
+    """Compute the distances between places of the same people by two rigs, which are due to the cameras alone.
 
     Args:
-        found: in their own world.
-        other: by the same boxes in the other world.
-        placement: from the one to the other.
+        found: trajectories in their own world.
+        other: trajectories from the same boxes in the other world.
+        placement: motion from the first world to the second.
     """
     ground = np.column_stack([found.xyz[:, :2], np.zeros(len(found))])
     own = placement.apply(ground)[:, :2]
@@ -178,7 +179,7 @@ def compare_places(found: Trajectories, other: Trajectories, placement: Similari
 
 
 def _distances(distance: Floats, sigma: Floats) -> Distances:
-    """Of (N,) distances, NaN where there is no truth."""
+    """Summarise distances (N,), which are NaN where there is no truth."""
     known = np.isfinite(distance)
     distance, sigma = distance[known], sigma[known]
     if not len(distance):
@@ -192,7 +193,7 @@ def _distances(distance: Floats, sigma: Floats) -> Distances:
 
 
 def _interpolate_truth(truth: GroundTruth, identity: int, seconds: Floats) -> Floats:
-    """(N, 2) where a person truly is at the given times; NaN where the truth does not tell."""
+    """Interpolate a person's true places (N, 2) at the given times; NaN where the truth has none."""
     low, high = np.searchsorted(truth.identity, [identity, identity + 1])
     known, xy = truth.time_s[low:high], truth.xy[low:high]
     after = np.clip(np.searchsorted(known, seconds - 1e-6), 0, len(known) - 1)
@@ -209,7 +210,7 @@ def _interpolate_truth(truth: GroundTruth, identity: int, seconds: Floats) -> Fl
 def _match_people(
     people: Ints, who: Ints, true_people: Ints, own: Floats, seconds: Floats, truth: GroundTruth
 ) -> dict[int, int]:
-    """People matched one to one."""
+    """Match identities one to one to true identities (see `judge`)."""
     near = np.zeros((len(people), len(true_people)))
     for column, true in enumerate(true_people):
         for first in range(0, len(own), ROWS_AT_ONCE):
@@ -224,7 +225,7 @@ def _match_people(
 
 
 def _measure_cover(found: Trajectories, truth: GroundTruth, matched: dict[int, int]) -> float | None:
-    """Share of the true places at which the matched person has a place within half a frame."""
+    """Compute the share of the true places at which the matched person has a place within half a frame in time."""
     if not len(found) or not len(truth.identity):
         return None
     first, last = found.time_s.min() - 1e-6, found.time_s.max() + 1e-6

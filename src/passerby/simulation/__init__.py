@@ -1,6 +1,6 @@
 """Scenes with known truth, as boxes, joints or rendered videos.
 
-Imports `interchange`, `perception` and below.
+This package imports `interchange`, `perception` and lower packages.
 """
 
 from passerby.simulation.options import PRESETS, SimulationOptions

@@ -1,4 +1,4 @@
-"""An articulated human body: from a few motion parameters to joints, and from joints to spheres that fill the body.
+"""An articulated human body: joints by a few motion parameters, and spheres by the joints that fill the body.
 
 Lengths are fractions of the standing height, after Drillis and Contini's segment lengths (Winter, *Biomechanics and Motor
 Control of Human Movement*, figure 4.1). The standing height reaches from the soles, shoes on, to the top of the head, and a
@@ -39,18 +39,18 @@ JOINTS = (*BODY_17, "head", "chin", "neck", "chest", "pelvis", "left_hand", "rig
 
 @dataclass(frozen=True, eq=False)
 class BodyState:
-    """Motion parameters of P people at T instants; every array is (T, P) unless said otherwise."""
+    """Motion parameters of P people at T instants; every array is (T, P) unless stated otherwise."""
 
     xy: Floats
     """(T, P, 2) ground position between the feet, world, metres."""
     heading: Floats
     """Direction of the body's front in the world's x-y plane, radians."""
     speed: Floats
-    """Metres per second."""
+    """Walking speed, metres per second."""
     phase: Floats
-    """Gait cycles walked so far; a whole number is a left heel strike."""
+    """Number of gait cycles walked so far; a whole number is a left heel strike."""
     jump: Floats
-    """Height of the whole body above where its feet stand, metres."""
+    """Height by which a jump lifts the whole body, metres."""
     crouch: Floats
     lean: Floats
     seat: Floats
@@ -60,19 +60,19 @@ class BodyState:
 
 
 def stride_length(speed: Floats, height: Floats) -> Floats:
-    """Length of a gait cycle (two steps), metres: 1.5 m at 1.4 m/s and 2.8 m at 4 m/s for a height of 1.72 m."""
+    """Compute the length of a gait cycle (two steps), metres: 1.5 m at 1.4 m/s and 2.8 m at 4 m/s for a height of 1.72 m."""
     return np.asarray(0.71 * height * np.power(np.maximum(speed, 0.0), 0.6))
 
 
 def pose_joints(state: BodyState, heights: Floats) -> Floats:
-    """Joints of all people at all instants.
+    """Compute the joints of all people at all instants.
 
     Args:
         state: motion parameters of T instants and P people.
         heights: (P,) standing heights, metres.
 
     Returns:
-        (T, P, J, 3) world, metres, in the order of `JOINTS`.
+        (T, P, J, 3) joints, world, metres, in the order of `JOINTS`.
     """
     h = np.broadcast_to(heights, state.speed.shape)
     amount = np.clip(stride_length(state.speed, h) / (0.5 * h), 0.0, 1.0)
@@ -87,7 +87,7 @@ def pose_joints(state: BodyState, heights: Floats) -> Floats:
 
 
 def _vector(forward: Floats, left: Floats | float, up: Floats) -> Floats:
-    """(T, P, 3) in the body's frame: x forward, y left, z up."""
+    """Return vectors (T, P, 3) in the body's frame: x forward, y left, z up."""
     return np.stack([forward, np.broadcast_to(left, forward.shape), up], axis=-1)
 
 
@@ -99,7 +99,7 @@ def _move_to_world(local: Floats, state: BodyState) -> Floats:
 
 
 def _foot(state: BodyState, h: Floats, amount: Floats, run: Floats, sign: float) -> tuple[Floats, Floats, Floats]:
-    """Ankle, toe and heel of one side: planted on the ground in stance, rolling over the toe, lifted in swing."""
+    """Compute ankle, toe and heel (T, P, 3) of one side: the foot rolls on the ground in stance and is lifted in swing."""
     stride = stride_length(state.speed, h)
     stance = 0.60 - 0.34 * run
     cycle = np.mod(state.phase + (0.0 if sign > 0 else 0.5), 1.0)
@@ -120,11 +120,12 @@ def _foot(state: BodyState, h: Floats, amount: Floats, run: Floats, sign: float)
 
 
 def _legs(joints: dict[str, Floats], state: BodyState, h: Floats, amount: Floats, run: Floats) -> Floats:
-    """Feet first, then the hips as high as both legs reach, then the knees between; returns the pelvis, (T, P, 3)."""
-    # Hips go back to keep the balance, but not while walking: the legs would not reach.
+    """Add the feet, the hips as high as both legs reach, and the knees to `joints`; return the pelvis (T, P, 3)."""
+    # The hips move back to keep the balance, but less in walking, because the legs would not reach the ground.
     x = -h * (0.10 * state.crouch + 0.14 * state.seat + 0.12 * np.sin(state.lean)) * (1 - 0.8 * amount)
     stride = stride_length(state.speed, h)
-    # Legs are never quite straight in gait: mid-stance stays below standing, so that the head bobs by about 4 cm, as measured.
+    # Legs are never quite straight in gait: at mid-stance the hips are lower than in standing. The head then moves up and down
+    # by about 4 cm, as measured.
     cycle = np.mod(state.phase, 1.0)
     bob = 0.02 * h * run * np.cos(4 * np.pi * (cycle - (0.30 - 0.17 * run)))
     z = h * (HIP_HEIGHT - SQUAT_DROP * state.crouch - 0.025 * run) - 0.012 * stride * amount * (1 - run) - bob
@@ -143,7 +144,7 @@ def _legs(joints: dict[str, Floats], state: BodyState, h: Floats, amount: Floats
 
 
 def _knee(hip: Floats, ankle: Floats, h: Floats, sign: float, crouch: Floats) -> Floats:
-    """Two-link inverse kinematics: the knee bends forward, and a little outwards in a crouch."""
+    """Compute the knee by two-link inverse kinematics: it bends forward, and a little outwards in a crouch."""
     thigh, shank = THIGH * h, SHANK * h
     leg = ankle - hip
     length = np.clip(np.linalg.norm(leg, axis=-1), 0.02 * h, thigh + shank)
@@ -176,7 +177,7 @@ def _trunk_and_head(
 
 
 def _arm(joints: dict[str, Floats], state: BodyState, h: Floats, amount: Floats, run: Floats, side: str, sign: float) -> None:
-    """Swing against the leg of the same side; raised, carrying and working arms replace it by their weights."""
+    """Add elbow, wrist and hand: a swing against the leg of the same side, blended with work, carrying and a raised arm."""
     cycle = state.phase + (0.0 if sign > 0 else 0.5)
     shoulder = 0.03 - (0.40 + 0.35 * run) * amount * np.cos(2 * np.pi * cycle)
     elbow = 0.15 + 0.25 * amount + 1.1 * run
@@ -203,7 +204,7 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _sphere_table() -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
-    """Spheres along the limbs: indices of a limb's two joints, the place between them (0 to 1), the radius."""
+    """Return the spheres along the limbs: indices of the limb's two joints, place between them (0 to 1), radius; (S,) each."""
     limbs = [
         ("head", "head", 1, HEAD_RADIUS, HEAD_RADIUS),
         ("chin", "chin", 1, 0.045, 0.045),
@@ -233,11 +234,11 @@ SPHERES = _sphere_table()
 
 
 def body_spheres(joints: Floats, heights: Floats) -> tuple[Floats, Floats]:
-    """The spheres that fill a body.
+    """Compute the spheres that fill the bodies.
 
     Args:
         joints: (T, P, J, 3) from `pose_joints`.
-        heights: (P,) metres.
+        heights: (P,) standing heights, metres.
 
     Returns:
         (T, P, S, 3) centres in the world, metres; (P, S) radii, metres.

@@ -1,4 +1,4 @@
-"""Scenes that are not as a calibration takes them to be: a camera that is moved or zooms, a ground that is no level plane."""
+"""Scenes that violate the assumptions of a calibration: a camera is moved or zooms, or the ground is not a level plane."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from passerby.simulation.options import SimulationOptions
 from passerby.simulation.scene import BODIES_AT_ONCE, Filmed, film
 
 Ground = Callable[[Floats], Floats]
-"""From places (..., 2) to heights (...), metres."""
+"""Function from places (..., 2) to heights of the ground (...), metres."""
 
 
 @dataclass(frozen=True)
@@ -26,16 +26,16 @@ class Move:
 
     camera: str
     from_s: float
-    """Seconds of the camera's own recording."""
+    """Time of the move, seconds of the camera's own recording."""
     turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Rotation vector in the camera's own frame, OpenCV's axes: tilt, pan, roll."""
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Along the world's axes."""
+    """Shift of the camera centre along the world's axes, metres."""
     until_s: float = np.inf
-    """When it is back where it was."""
+    """Time at which the camera is back in its first pose, seconds."""
 
     def moved(self, camera: Camera) -> Camera:
-        """The camera where it is after the move."""
+        """Return the camera with its pose after the move."""
         assert camera.pose is not None
         turn = Rotation.from_rotvec(np.radians(self.turn_deg)).as_matrix()
         return replace(camera, pose=Pose.from_centre(turn @ camera.pose.R_cw, camera.pose.centre + np.array(self.shift_m)))
@@ -43,18 +43,18 @@ class Move:
 
 @dataclass(frozen=True)
 class Zoom:
-    """A camera whose focal length changes while it films, at once; `gradual_zoom` makes one that takes its time."""
+    """A camera whose focal length jumps to another value while it films; `gradual_zoom` makes a slow zoom."""
 
     camera: str
     from_s: float
-    """Seconds of the camera's own recording."""
+    """Time of the zoom, seconds of the camera's own recording."""
     factor: float
-    """Of both focal lengths; above 1 the camera zooms in. The distortion's coefficients stay."""
+    """Factor of both focal lengths; above 1 the camera zooms in. The distortion coefficients stay."""
     until_s: float = np.inf
-    """When it has its first focal length again."""
+    """Time from which the camera has its first focal length again, seconds."""
 
     def moved(self, camera: Camera) -> Camera:
-        """The camera after the zoom."""
+        """Return the camera with its lens after the zoom."""
         assert camera.lens.focal_sd is None
         matrix = np.array(camera.lens.matrix)
         matrix[:2, :2] *= self.factor
@@ -65,21 +65,21 @@ Disturbance = Move | Zoom
 
 
 def gradual_zoom(camera: str, from_s: float, to_s: float, factor: float, step_s: float = 0.2) -> tuple[Zoom, ...]:
-    """A zoom in equal ratios between two times, as steps of `step_s` seconds: as long as one frame, nothing of them is seen."""
+    """Return a zoom in equal ratios between two times, as steps of `step_s` seconds; steps of one frame are not visible."""
     steps = max(1, round((to_s - from_s) / step_s))
     return tuple(Zoom(camera, from_s + k * step_s, factor ** ((k + 1) / steps)) for k in range(steps))
 
 
 def level(places: Floats) -> Floats:
-    """The ground that scenes have by default."""
+    """Return the heights of the default ground: 0 everywhere."""
     return np.zeros(places.shape[:-1])
 
 
 def film_disturbed(options: SimulationOptions, moves: Sequence[Disturbance] = (), ground: Ground = level) -> Filmed:
-    """What `film` makes of the options with cameras that are moved or zoom, and on another ground; of several disturbances of
-    one camera at one time the last one counts.
+    """Film a scene as `film` does, with cameras that are moved or zoom, and on another ground.
 
-    The rig of the result holds the cameras as they are before. Raises `InputError` for a camera that is not there.
+    If several disturbances of one camera overlap in time, the last one counts alone. The rig of the result holds the cameras
+    before all disturbances. Raises `InputError` for a camera that the scene does not have.
     """
     filmed = film(options)
     for move in moves:
@@ -96,14 +96,14 @@ def film_disturbed(options: SimulationOptions, moves: Sequence[Disturbance] = ()
 
 
 def rig_after(rig: Rig, moves: Sequence[Disturbance]) -> Rig:
-    """The rig when all moves are done."""
+    """Return the rig after all disturbances, applied one after the other."""
     for move in moves:
         rig = Rig(tuple(move.moved(camera) if camera.name == move.camera else camera for camera in rig))
     return rig
 
 
 def _observe_disturbed(filmed: Filmed, index: int, moves: Sequence[Disturbance], ground: Ground) -> View:
-    """What one camera sees, in stretches of one pose and one lens each."""
+    """Compute the view of one camera, in stretches of one pose and one lens each."""
     camera, options = filmed.rig.cameras[index], filmed.options
     own = np.arange(len(filmed.views[index].hidden)) / options.frame_rates[index]
     number = np.zeros(len(own), dtype=np.int64)

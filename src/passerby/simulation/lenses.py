@@ -1,4 +1,4 @@
-"""Simulated cameras: their lenses, and where they stand and look around an area."""
+"""Simulated cameras: their lenses, and their poses around an area."""
 
 from __future__ import annotations
 
@@ -12,48 +12,49 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 TYPICAL, VARIED, SHARED = "typical", "varied", "shared"
 LENSES = (TYPICAL, VARIED, SHARED)
 """typical: fields of view of 60 to 75 degrees, mild barrel distortion. varied: focal lengths of half to two image widths,
-barrel to slight pincushion distortion. shared: one lens like those of `varied` for all cameras of an area, as where one model
-was bought; its principal point is each camera's own."""
+barrel to slight pincushion distortion. shared: one lens like those of `varied` for all cameras of an area, as with cameras of
+one model; each camera has its own principal point."""
 FIELD_OF_VIEW_DEG = (60.0, 75.0)
-"""Horizontal, drawn per camera: the range of common surveillance lenses."""
+"""Range of the horizontal field of view, drawn per camera: that of common surveillance lenses."""
 BARREL = (-0.15, -0.05)
-"""First radial coefficient of a typical lens, drawn per camera."""
+"""Range of the first radial coefficient of a typical lens, drawn per camera."""
 CENTRE_SHARE = 0.01
-"""The principal point is up to this share of the image width off the image centre, along x and y."""
+"""Largest offset of the principal point from the image centre along x and along y, as a share of the image width."""
 WIDTHS = (0.5, 2.0)
-"""Focal length of a varied lens in image widths, drawn log-uniformly."""
+"""Range of the focal length of a varied lens, in image widths, drawn log-uniformly."""
 VARIED_K1 = (-0.30, 0.05)
-"""First radial coefficient of a varied lens; it is the only one."""
+"""Range of the first radial coefficient of a varied lens, its only distortion coefficient."""
 LARGEST_BARREL = 0.14
-"""-k1 times the squared distance of the farthest image corner, in focal lengths, is no more than this. Above 4 / 27 the image
-radius r (1 + k1 r^2) never reaches that corner: no ray would lead to its pixels."""
+"""Maximum of -k1 times the squared distance of the farthest image corner, in focal lengths. Above 4 / 27 the image radius
+r (1 + k1 r^2) never reaches that corner: no ray would lead to its pixels."""
 AIM_HEIGHT_M = 0.8
-"""Cameras look at this height over a point near the middle of the area: hips in the picture's middle, feet in view."""
+"""Height of the point near the middle of the area that a camera looks at: hips in the middle of the picture, feet in view."""
 
 
 def draw_lenses(kind: str, picture: tuple[int, int], rng: np.random.Generator) -> Callable[[np.random.Generator], Lens]:
-    """What draws the lens of each camera of an area from that camera's generator.
+    """Return a function that draws the lens of a camera of an area from the camera's own generator.
 
     Args:
         kind: one of `LENSES`.
         picture: (width, height), pixels.
-        rng: the area's generator, of which a shared lens is drawn.
+        rng: the area's generator, from which a shared lens is drawn.
     """
     if kind == TYPICAL:
         return lambda own: _make_typical_lens(picture, own)
     if kind == VARIED:
         return lambda own: _vary_lens(picture, _focal(picture, own), own)
     focal = _focal(picture, rng)
-    # The corner that is farthest from any principal point that can be drawn bounds the distortion of all.
+    # The largest possible distance between a corner and a principal point limits the distortion for all cameras.
     corner = np.array(picture) * 0.5 + CENTRE_SHARE * picture[0]
     k1 = _draw_k1(float(corner @ corner) / focal**2, rng)
     return lambda own: _pinhole(picture, focal, _centre(picture, own), k1)
 
 
 def fold_radius(lens: Lens) -> float:
-    """Distance from the optical axis, in focal lengths, from which on a pinhole lens shows what is farther out nearer in.
+    """Compute the radius, in focal lengths, from which the image of a pinhole lens folds back.
 
-    Infinite where it does so nowhere, and for a fisheye. Up to three radial coefficients count.
+    Beyond it, points farther from the optical axis appear nearer to the principal point. Infinite if the lens has no fold, and
+    for a fisheye. The radial coefficients k1, k2 and k3 are used.
     """
     if lens.fisheye or not lens.distortions.any():
         return float("inf")
@@ -64,7 +65,7 @@ def fold_radius(lens: Lens) -> float:
 
 
 def before_fold(lens: Lens, points: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """(...) which points (..., 3) of the camera frame, in front of the camera, the lens shows where they are."""
+    """Return whether points (..., 3), camera frame, in front of the camera, are inside the fold radius of the lens, (...)."""
     fold = fold_radius(lens)
     if not np.isfinite(fold):
         return np.ones(points.shape[:-1], dtype=np.bool_)
@@ -72,7 +73,7 @@ def before_fold(lens: Lens, points: Floats) -> np.ndarray[tuple[int, ...], np.dt
 
 
 def _make_typical_lens(picture: tuple[int, int], rng: np.random.Generator) -> Lens:
-    """A pinhole lens with mild barrel distortion that grows with the radius everywhere (no fold outside the picture)."""
+    """Draw a pinhole lens with mild barrel distortion whose image radius grows everywhere (no fold outside the picture)."""
     focal = 0.5 * picture[0] / np.tan(np.radians(rng.uniform(*FIELD_OF_VIEW_DEG)) / 2)
     centre = _centre(picture, rng)
     k1 = rng.uniform(*BARREL)
@@ -91,7 +92,7 @@ def _focal(picture: tuple[int, int], rng: np.random.Generator) -> float:
 
 
 def _draw_k1(corner: float, rng: np.random.Generator) -> float:
-    """Within `VARIED_K1`, so that the image has a ray at every pixel. `corner`: squared distance in focal lengths."""
+    """Draw k1 from `VARIED_K1` so that every pixel has a ray; `corner`: squared distance of the far corner in focal lengths."""
     lowest, highest = VARIED_K1
     return float(rng.uniform(max(lowest, -LARGEST_BARREL / corner), highest))
 
@@ -117,19 +118,19 @@ def place_cameras(
     first: int = 1,
     lenses: str = TYPICAL,
 ) -> Rig:
-    """Cameras named C1, C2, ... (from `first` on) around a rectangle centred on the origin, looking in.
+    """Place cameras named C1, C2, ... (from `first` on) around a rectangle centred on the origin; they look inwards.
 
     Four stand at the corners; any other number is spread evenly along the perimeter from the first corner. Position, aim,
     field of view and roll (2 degrees either way) are jittered by `rng`.
 
     Args:
-        n_cameras: how many.
+        n_cameras: number of cameras.
         area_m: extent along x and y, metres.
         standoff_m: distance of the cameras from the area along x and y, metres.
         height_m: height of the cameras over the ground z = 0, metres (jittered by up to 5 cm).
         picture: (width, height), pixels.
-        rng: each camera uses its own child of it, so that the first cameras stay when more are asked for at the same places.
-        first: number of the first camera's name.
+        rng: each camera uses its own child of it; so its random numbers do not depend on the number of cameras.
+        first: number in the name of the first camera.
         lenses: one of `lenses.LENSES`.
     """
     half = np.asarray(area_m) / 2 + standoff_m
@@ -151,7 +152,7 @@ def place_cameras(
 
 
 def looking_at(centre: Floats, aim: Floats, roll: float = 0.0) -> Floats:
-    """(3, 3) world-to-camera rotation of a camera at `centre` that looks at `aim`, then is rolled by `roll` radians."""
+    """Return the world-to-camera rotation (3, 3) of a camera at `centre` that looks at `aim` and has a roll, radians."""
     forward = (aim - centre) / np.linalg.norm(aim - centre)
     right = np.cross(forward, np.array([0.0, 0.0, 1.0]))
     right = right / np.linalg.norm(right)

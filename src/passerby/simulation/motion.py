@@ -1,4 +1,4 @@
-"""How people move: episodes of activities, paths between random waypoints, and the body's parameters at any time."""
+"""Motion of people: episodes of activities, paths between random waypoints, and the body's parameters at any time."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Motion:
     state: BodyState
     """Parameters at the K times."""
     present_from: Floats
-    """(P,) seconds: when each person comes in."""
+    """(P,) time at which each person enters the area, seconds; minus infinity: present from the start."""
 
     def at(self, times: Floats) -> tuple[BodyState, NDArray[np.bool_]]:
-        """Body parameters and presence (T, P) at any times (T,) within the grid, linearly interpolated."""
+        """Interpolate body parameters and presence (T, P) linearly at any times (T,) within the grid."""
         place = (np.asarray(times) - self.times[0]) / STEP_S
         before = np.clip(np.floor(place).astype(np.int64), 0, len(self.times) - 2)
         weight = place - before
@@ -46,7 +46,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class _Schedule:
-    """What a person intends at each of the K times."""
+    """Intended motion of a person at each of the K times."""
 
     speed: Floats
     jump: Floats
@@ -55,13 +55,13 @@ class _Schedule:
 
 
 def simulate_motion(preset: Preset, heights: Floats, seconds: float, rng: np.random.Generator) -> Motion:
-    """Move people about the preset's area from `PAD_S` before time 0 to `PAD_S` after `seconds`.
+    """Simulate the motion of people in the preset's area from `PAD_S` before time 0 to `PAD_S` after `seconds`.
 
     Args:
         preset: area and activities.
-        heights: (P,) metres; the stride grows with them.
+        heights: (P,) standing heights, metres; the stride length grows with them.
         seconds: length of the scene.
-        rng: every person uses a child of it.
+        rng: each person uses a child of it.
     """
     times = np.arange(-PAD_S, seconds + PAD_S + STEP_S, STEP_S)
     people = rng.spawn(len(heights))
@@ -91,13 +91,13 @@ def simulate_motion(preset: Preset, heights: Floats, seconds: float, rng: np.ran
 
 
 def _entry_time(preset: Preset, seconds: float, rng: np.random.Generator) -> float:
-    """Minus infinity for a person who is there from the start."""
+    """Draw the time at which a person enters, seconds; minus infinity for a person who is present from the start."""
     late, when = rng.uniform(), rng.uniform(0.0, 0.4)
     return float(when * seconds) if late < preset.entering else -np.inf
 
 
 def _start(half: Floats, at_edge: bool, rng: np.random.Generator) -> Floats:
-    """Where a person starts: anywhere, or on the edge of the area for one who comes in later."""
+    """Draw the start of a person: anywhere, or on the edge of the area for a person who enters later."""
     place = rng.uniform(-1, 1, 2) * half
     axis, sign = int(rng.integers(2)), float(rng.choice((-1.0, 1.0)))
     if at_edge:
@@ -106,7 +106,7 @@ def _start(half: Floats, at_edge: bool, rng: np.random.Generator) -> Floats:
 
 
 def _draw_schedule(activities: tuple[Activity, ...], times: Floats, rng: np.random.Generator) -> _Schedule:
-    """Episodes one after another; an activity is drawn so that its share of the time is as the preset says."""
+    """Draw consecutive episodes; each activity takes, on average, the share of the time that the preset states."""
     weights = np.array([activity.share / np.mean(activity.seconds) for activity in activities])
     speed, jump, postures = np.zeros(len(times)), np.zeros(len(times)), np.zeros((len(POSTURES), len(times)))
     start = 0
@@ -125,7 +125,7 @@ def _draw_schedule(activities: tuple[Activity, ...], times: Floats, rng: np.rand
 
 
 def _add_jumps(jump: Floats, crouch: Floats, start: int, end: int, activity: Activity, rng: np.random.Generator) -> None:
-    """Ballistic jumps within [start, end), each prepared and received by bent knees."""
+    """Add ballistic jumps within [start, end), each with bent knees before take-off and after landing."""
     bend = round(0.3 / STEP_S)
     begin = start + round(0.5 / STEP_S)
     while True:
@@ -142,7 +142,7 @@ def _add_jumps(jump: Floats, crouch: Floats, start: int, end: int, activity: Act
 
 
 def _smooth(values: Floats) -> Floats:
-    """Gaussian smoothing over `SMOOTHING_S`, the ends held: joints need time to move."""
+    """Smooth with a Gaussian of sigma `SMOOTHING_S` and constant ends, because joints need time to move."""
     reach = round(4 * SMOOTHING_S / STEP_S)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * STEP_S / SMOOTHING_S) ** 2)
     return np.convolve(np.pad(values, reach, mode="edge"), kernel / kernel.sum(), mode="valid")
@@ -151,14 +151,14 @@ def _smooth(values: Floats) -> Floats:
 def _walk(
     starts: Floats, targets: Floats, there: NDArray[np.bool_], half: Floats, people: list[np.random.Generator]
 ) -> tuple[Floats, Floats]:
-    """Steer everybody from waypoint to waypoint, turning in curves and stepping aside for each other.
+    """Steer all people from waypoint to waypoint; they turn in curves and step aside for each other.
 
     Args:
         starts: (P, 2) metres.
         targets: (K, P) intended speeds, metres per second.
-        there: (K, P) who is in the area, and so has to be stepped aside for.
-        half: (2,) half extent of the area that is walked on, metres.
-        people: one generator each.
+        there: (K, P) whether a person is in the area, so that others step aside.
+        half: (2,) half extent of the walkable area, metres.
+        people: one generator per person.
 
     Returns:
         (K, P, 2) positions, metres; (K, P) headings, radians, continuous.
@@ -184,7 +184,7 @@ def _walk(
 
 
 def _step_aside(xy: Floats, there: NDArray[np.bool_]) -> Floats:
-    """(P, 2) velocities, metres per second, away from those who are nearer than `PERSONAL_SPACE_M`."""
+    """Compute velocities (P, 2), metres per second, away from people who are nearer than `PERSONAL_SPACE_M`."""
     apart = xy[:, None] - xy[None]
     distance = np.hypot(apart[..., 0], apart[..., 1])
     near = (distance < PERSONAL_SPACE_M) & (distance > 1e-6) & there[:, None] & there

@@ -1,12 +1,13 @@
-"""What cameras and detectors see of the bodies: tight boxes, keypoints, occlusion, errors, identities, embeddings.
+"""Observations of the bodies by cameras and detectors: tight boxes, keypoints, occlusion, errors, identities, embeddings.
 
-Every fault has its own generator and is drawn for all people and instants, seen or not, so that one option never changes what
-another one draws.
+Each fault has its own generator and is drawn for all people and instants, seen or not. Therefore one option never changes the
+random numbers of another one.
 
-A vector is the person's own look, a shift that is the camera's (its light, its colours), the side from which this camera sees
-the person, and noise of the box. The three sizes were chosen together: the nearest of another camera's vectors is the right
-person's for 76, 66 and 61 % of single boxes among 7, 14 and 20 people, and for 94, 91 and 88 % of the means of eight boxes
-(60 draws with four cameras), about what networks reach on people whom they were not trained for.
+An embedding is the sum of four parts: the person's own look, a shift of the camera (its light, its colours), a part for the
+side from which this camera sees the person, and noise of the box. The sizes of the last three were chosen together. The
+nearest vector of another camera belongs to the right person for 76, 66 and 61 % of single boxes among 7, 14 and 20 people, and
+for 94, 91 and 88 % of the means of eight boxes (60 draws with four cameras). Networks reach about the same on people who are
+not in their training data.
 """
 
 from __future__ import annotations
@@ -26,56 +27,56 @@ from passerby.simulation.options import SimulationOptions
 
 Mask = NDArray[np.bool_]
 NEAREST_M = 0.3
-"""A person any part of whom is nearer to the image plane than this (or behind it) is not seen at all."""
+"""A person with any part at a smaller depth than this, or behind the camera, is not seen at all."""
 PAIRS_AT_ONCE = 1024
 HIDDEN_LIMIT = 0.6
-"""A person of whom more than this share is hidden gets no box."""
+"""Maximum hidden share of a person with a box."""
 NOTICED = 0.1
-"""A person of whom less than this share is hidden always gets the whole box."""
+"""Minimum hidden share of a person whose box may show the visible part only; below it, the box shows the whole body."""
 INSIDE_LIMIT = 0.1
-"""A person of whom less than this share is inside the picture gets no box."""
+"""Minimum share of a person inside the picture for a box."""
 VISIBLE_PART_PROBABILITY = 0.5
-"""How often a partly hidden person gets a box of the visible part instead of the whole body."""
+"""Probability that a partly hidden person gets a box of the visible part instead of the whole body."""
 SMALLEST_PX = 2.0
 DIMENSIONS = 128
 CAMERA_SHIFT = 0.6
 """Length of a camera's shift; a person's look has length 1."""
 SIDE = 1.5
-"""Root mean square length of what one camera makes of one person, in all its boxes alike: an average does not remove it."""
+"""Root mean square length of the part for one person in one camera. It is the same in all boxes, so an average keeps it."""
 BOX_NOISE = 1.4
 """Root mean square length of the noise of a box: pose, light, occlusion."""
 LONGEST_GAP_S = 1.0
-"""A tracker lets go of a person whom it has not seen for longer than this."""
+"""A track ends if its person is not seen for longer than this."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What one camera sees, free of any detector's faults. T instants, P people."""
+    """View of one camera, without a detector's faults. T instants, P people."""
 
     box: Floats
     """(T, P, 4) left, top, right, bottom of the whole body, clipped at the picture's border, pixels."""
     visible_box: Floats
-    """(T, P, 4) the same of the parts that no person hides; meaningless where everything is hidden."""
+    """(T, P, 4) the same for the parts that no person hides; meaningless if all parts are hidden."""
     clipped: Mask
-    """(T, P, 4) edges that the picture's border cut."""
+    """(T, P, 4) whether the picture's border cuts an edge."""
     inside: Floats
     """(T, P) share of the body inside the picture, 0 to 1; 0 for a person behind the camera."""
     hidden: Floats
-    """(T, P) share of that part which is hidden by people nearer to the camera, 0 to 1."""
+    """(T, P) share of the part inside the picture that people nearer to the camera hide, 0 to 1."""
     joints: Floats
     """(T, P, 17, 2) COCO's joints, pixels."""
     joint_visible: Mask
-    """(T, P, 17) inside the picture and not hidden by another person."""
+    """(T, P, 17) whether a joint is inside the picture and not hidden by another person."""
 
 
 def observe_camera(camera: Camera, joints: Floats, heights: Floats, present: Mask, occlusion: bool = True) -> View:
     """Project all bodies into one camera.
 
     Args:
-        camera: with a pose.
+        camera: camera with a pose.
         joints: (T, P, J, 3) world, metres, from `body.pose_joints`.
-        heights: (P,) metres.
-        present: (T, P) who is there.
+        heights: (P,) standing heights, metres.
+        present: (T, P) whether a person is present.
         occlusion: whether people hide each other.
     """
     n_times, n_people = present.shape
@@ -114,9 +115,9 @@ def observe_camera(camera: Camera, joints: Floats, heights: Floats, present: Mas
 
 
 def find_whole_in_view(camera: Camera, seen: Floats) -> Mask:
-    """(...) which bodies (..., points, 3), camera frame, are in front, and nowhere so far aside that the lens folds.
+    """Return whether bodies (..., points, 3), camera frame, are whole in front of the camera and inside its lens's fold, (...).
 
-    What is beyond the fold of a lens would appear inside the picture, which no real lens does.
+    Points beyond the fold of a lens model would appear inside the picture, which no real lens does.
     """
     return np.asarray((seen[..., 2].min(axis=-1) - 0.12 > NEAREST_M) & before_fold(camera.lens, seen).all(axis=-1))
 
@@ -129,10 +130,11 @@ def _camera_frame(camera: Camera, points: Floats) -> Floats:
 
 
 def _extents(camera: Camera, centres: Floats, radii: Floats) -> Floats:
-    """(..., 4) left, top, right, bottom of spheres given in the camera frame.
+    """Compute left, top, right, bottom (..., 4), pixels, of spheres in the camera frame.
 
-    The extreme x / z of a sphere lies where a plane through the camera's y axis touches it; that point is projected through
-    the distorted lens (likewise for y). Exact without distortion; under mild distortion off by a hundredth of a pixel.
+    A sphere has its extreme x / z at the point where a plane through the camera's y axis touches it. This point is projected
+    through the distorted lens (likewise for y). The result is exact without distortion; with mild distortion its error is a
+    hundredth of a pixel.
     """
     extremes = []
     for axis, sign in ((0, -1.0), (1, -1.0), (0, 1.0), (1, 1.0)):
@@ -147,14 +149,14 @@ def _extents(camera: Camera, centres: Floats, radii: Floats) -> Floats:
 
 
 def _hull(extents: Floats, use: Mask) -> Floats:
-    """(T, P, 4) box around the extents (T, P, S, 4) of the spheres in use (T, P, S)."""
+    """Return the box (T, P, 4) around the extents (T, P, S, 4) of the spheres in use (T, P, S)."""
     low = np.where(use[..., None], extents[..., :2], np.inf).min(axis=2)
     high = np.where(use[..., None], extents[..., 2:], -np.inf).max(axis=2)
     return np.concatenate([low, high], axis=-1)
 
 
 def _find_covered(points: Floats, discs: Floats, disc_radii: Floats, boxes: Floats, depth: Floats) -> Mask:
-    """(T, P, S) which of the points (T, P, S, 2) lie behind a disc (T, P, D) of a person nearer to the camera."""
+    """Return whether points (T, P, S, 2) lie behind a disc (T, P, D) of a person nearer to the camera, (T, P, S)."""
     overlap = (boxes[:, :, None, :2] < boxes[:, None, :, 2:]).all(axis=-1) & (
         boxes[:, :, None, 2:] > boxes[:, None, :, :2]
     ).all(axis=-1)
@@ -171,26 +173,26 @@ def _find_covered(points: Floats, discs: Floats, disc_radii: Floats, boxes: Floa
 
 @dataclass(frozen=True, eq=False)
 class Detected:
-    """What a detector reports, and whom its boxes really show."""
+    """Output of a detector, and the people that its boxes really show."""
 
     seen: CameraObservations
-    """Boxes and joints; the joints' rows are those of the boxes with a person, in their order."""
+    """Boxes and joints; the rows of the joints are those of the boxes with a person, in the same order."""
     true_identity: Ints
-    """(N,) of the boxes' rows; -1 for a box without a person."""
+    """(N,) true identity of each box; -1 for a box without a person."""
 
 
 def detect(
     view: View, frames: Ints, identities: Ints, picture: tuple[int, int], options: SimulationOptions, rng: np.random.Generator
 ) -> Detected:
-    """Boxes and joints of one camera with the faults that the options ask for.
+    """Return the boxes and joints of one camera with the faults that the options request.
 
     Args:
-        view: T instants, P people.
+        view: view of T instants and P people.
         frames: (T,) frame numbers.
-        identities: (P,) the true identities.
+        identities: (P,) true identities.
         picture: (width, height), pixels.
-        options: of the scene.
-        rng: this camera's.
+        options: options of the scene.
+        rng: generator of this camera.
     """
     parts, noise, drops, swaps, joint_noise, false = rng.spawn(6)
     shape = view.hidden.shape
@@ -212,14 +214,14 @@ def detect(
     keypoints = Keypoints(frames[rows[0]], assigned[rows], joints[rows], np.where(view.joint_visible[rows], 0.9, 0.0))
     boxes = _add_false_boxes(boxes, frames, picture, options.false_boxes, false)
     true_identity = np.full(len(boxes), UNKNOWN)
-    true_identity[boxes.identity != UNKNOWN] = identities[rows[1]]  # false boxes come between, the order stays
+    true_identity[boxes.identity != UNKNOWN] = identities[rows[1]]  # false boxes lie between true ones, which keep their order
     return Detected(CameraObservations(boxes, keypoints), true_identity)
 
 
 def _perturb_boxes(
     edges: Floats, on_border: NDArray[np.bool_], picture: tuple[int, int], options: SimulationOptions, rng: np.random.Generator
 ) -> Floats:
-    """Slack and noise on the edges; an edge on the picture's border stays there, and none leaves the picture."""
+    """Add slack and noise to the edges; an edge on the picture's border stays there, and none leaves the picture."""
     height = edges[..., 3:] - edges[..., 1:2]
     gaussian, uniform = rng.standard_normal(edges.shape), rng.uniform(-1, 1, edges.shape)
     moved = edges + options.box_slack * height * np.array([-1.0, -1.0, 1.0, 1.0])
@@ -228,7 +230,7 @@ def _perturb_boxes(
 
 
 def _swap_identities(identities: Ints, found: NDArray[np.bool_], share: float, rng: np.random.Generator) -> Ints:
-    """(T, P) identities with a share of those found at each instant exchanged in a random cycle, so that each is wrong."""
+    """Exchange the identities (T, P) of a share of the people found at each instant in a random cycle: all these are wrong."""
     swapped = np.array(identities)
     for frame, seed in enumerate(rng.spawn(len(found)) if share > 0 else ()):
         people = seed.permutation(found.shape[1])
@@ -236,7 +238,7 @@ def _swap_identities(identities: Ints, found: NDArray[np.bool_], share: float, r
         people = people[found[frame, people]]
         wanted = share * len(people)
         count = int(wanted) + int(chance < wanted - int(wanted))
-        if wanted < 2:  # one person cannot be exchanged alone: two at once, half as often as one
+        if wanted < 2:  # one person cannot be exchanged alone: exchange two, half as often
             count = 2 if chance < wanted / 2 else 0
         chosen = people[: min(count, len(people))]
         if len(chosen) > 1:
@@ -245,7 +247,7 @@ def _swap_identities(identities: Ints, found: NDArray[np.bool_], share: float, r
 
 
 def _add_false_boxes(boxes: Boxes, frames: Ints, picture: tuple[int, int], share: float, rng: np.random.Generator) -> Boxes:
-    """Add boxes without a person: sizes of true ones, places at random, identity unknown."""
+    """Add boxes without a person: sizes like those of true boxes, random places, unknown identity."""
     count = round(share * len(boxes))
     if count == 0:
         return boxes
@@ -262,18 +264,18 @@ def _add_false_boxes(boxes: Boxes, frames: Ints, picture: tuple[int, int], share
 
 
 def people_looks(n_people: int, rng: np.random.Generator) -> Floats:
-    """(P, D) one random unit vector for each person."""
+    """Draw a random unit vector for each person, (P, D)."""
     appearance = rng.standard_normal((n_people, DIMENSIONS))
     return np.asarray(appearance / np.linalg.norm(appearance, axis=1, keepdims=True))
 
 
 def box_embeddings(identity: Ints, appearance: Floats | None, rng: np.random.Generator) -> Vectors:
-    """Embeddings of one camera's boxes.
+    """Draw the embeddings of one camera's boxes.
 
     Args:
-        identity: (N,) true identities from 1, -1 for a box without a person, which gets noise.
-        appearance: (P, D) from `people_looks`; None where everybody is dressed alike, and every box gets noise.
-        rng: the camera's.
+        identity: (N,) true identities from 1; -1 for a box without a person, which gets noise.
+        appearance: (P, D) from `people_looks`; None if all people are dressed alike, and each box gets noise.
+        rng: generator of the camera.
 
     Returns:
         (N, D) unit vectors.
@@ -292,14 +294,14 @@ def box_embeddings(identity: Ints, appearance: Floats | None, rng: np.random.Gen
 def renumber(
     seen: CameraObservations, n_people: int, fps: float, mean_seconds: float, rng: np.random.Generator
 ) -> CameraObservations:
-    """Boxes and joints of one camera with tracklet numbers, 1 and up in random order, instead of identities.
+    """Return the boxes and joints of one camera with tracklet numbers, from 1 in random order, instead of identities.
 
     Args:
-        seen: identities from 1 to `n_people`; those of the joints are the boxes' of the same rows, -1 left out.
-        n_people: how many people there are.
-        fps: of the camera's frame numbers.
-        mean_seconds: mean of the exponential length of a tracklet; 0 cuts none.
-        rng: every person's cuts come from a child of it, whatever the camera sees of others.
+        seen: boxes with identities from 1 to `n_people` or -1, and joints of the boxes whose identity is not -1, in order.
+        n_people: number of people.
+        fps: frame rate of the camera's frame numbers.
+        mean_seconds: mean of the exponential length of a tracklet; 0 makes no cuts.
+        rng: the cuts of each person come from a child of it, and do not depend on the other people in view.
     """
     boxes, joints = seen.boxes, seen.keypoints
     number = number_tracklets(boxes, n_people, fps, mean_seconds, rng)
@@ -310,7 +312,7 @@ def renumber(
 
 
 def number_tracklets(boxes: Boxes, n_people: int, fps: float, mean_seconds: float, rng: np.random.Generator) -> Ints:
-    """(N,) tracklet numbers of one camera's boxes, with the arguments of `renumber`; -1 stays."""
+    """Return tracklet numbers (N,) of one camera's boxes; -1 stays. The arguments are those of `renumber`."""
     numbering, *people = rng.spawn(1 + n_people)
     piece = np.zeros(len(boxes), dtype=np.int64)
     if mean_seconds > 0 and len(boxes):
@@ -326,9 +328,9 @@ def number_tracklets(boxes: Boxes, n_people: int, fps: float, mean_seconds: floa
 
 
 def _pieces(seconds: NDArray[np.float64], step: float, length: float, mean_seconds: float, rng: np.random.Generator) -> Ints:
-    """(N,) which piece each of a person's boxes, at ascending times, belongs to.
+    """Return the number of the piece to which each box of one person belongs, (N,); the times ascend.
 
-    Exponential lengths are the gaps of a Poisson process, and that is a Poisson number of cuts at uniform times.
+    Exponential lengths are the intervals of a Poisson process, which is a Poisson number of cuts at uniform times.
     """
     cuts = np.sort(rng.uniform(0.0, length, rng.poisson(length / mean_seconds)))
     gaps = np.diff(seconds, prepend=seconds[:1]) > max(LONGEST_GAP_S, step) + 1e-9

@@ -1,6 +1,7 @@
-"""What a user may choose about a simulated scene, and the three presets.
+"""The options of a simulated scene, and the three presets.
 
-An activity is a range for each quantity, drawn anew for every episode; a preset is a mix of activities in an area.
+An activity has a range for each quantity, and each episode draws its values from the ranges. A preset is a mix of activities in
+an area.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ MAX_CLOCK_OFFSET_S = 5.0
 """Motion is simulated this long before the first and after the last instant, so that every clock sees moving people."""
 EMBEDDINGS = ("none", "distinct", "alike")
 MIN_PEOPLE = 4
-"""Each area of a scene in several groups has at least this many people: fewer would be a test of scarcity instead."""
+"""Minimum number of people in each area of a scene with several groups: fewer would test the effect of few people instead."""
 Range = tuple[float, float]
 ZERO: Range = (0.0, 0.0)
 
@@ -28,7 +29,7 @@ ZERO: Range = (0.0, 0.0)
 class SimulationOptions:
     """Options of `simulate`. Raises `InputError` for a value out of range.
 
-    None for `cameras`, `people` or `camera_height_m` takes the preset's.
+    If `cameras`, `people` or `camera_height_m` is None, the preset's value is used.
     """
 
     preset: str = "terrace"
@@ -38,44 +39,45 @@ class SimulationOptions:
     people: int | None = None
     seconds: float = 40.0
     fps: float = 5.0
-    """Instants per second. Five are enough: neighbouring frames of a video add little that is independent."""
+    """Instants per second. Five are enough: neighbouring frames of a video add little independent information."""
     camera_height_m: float | None = None
     person_height_mean_m: float = PERSON_HEIGHT_M
     person_height_sd_m: float = PERSON_HEIGHT_SD_M
     occlusion: bool = True
-    """People hide each other: no box where over 60 % is hidden, half of the partly hidden get a box of what is visible."""
+    """People hide each other: no box if over 60 % is hidden; half of the partly hidden people get a box of the visible part."""
     box_noise: float = 0.0
     """Standard deviation of each of a box's four edges, as a fraction of the box height (Gaussian, independent)."""
     corner_noise_px: float = 0.0
     """Uniform noise of plus or minus this many pixels on each coordinate of the two corners (the paper's robustness table)."""
     box_slack: float = 0.0
-    """A detector's slack: every edge is moved outwards by this fraction of the box height."""
+    """A detector's slack: each edge is moved outwards by this fraction of the box height."""
     missing: float = 0.0
-    """Fraction of the boxes (and of the joints that go with them) that are dropped at random."""
+    """Fraction of the boxes (and of their joints) that are dropped at random."""
     false_boxes: float = 0.0
     """Expected number of boxes without a person, as a fraction of the true ones; their identity is -1."""
     identity_swaps: float = 0.0
     """Fraction of the people of each camera and instant whose identities are exchanged among each other."""
     clock_offsets: float | tuple[float, ...] = 0.0
-    """Seconds. A number: each camera but the first gets a constant offset drawn from plus or minus it. Several: one per camera.
+    """Time offsets, seconds. One number: each camera but the first gets a constant offset drawn from plus or minus this number.
+    Several: one per camera.
 
     Frame f of a camera with offset d shows the world at time (f - 1) / fps + d.
     """
     joint_noise_px: float = 0.0
     """Standard deviation of the joints' pixels (Gaussian)."""
     unrelated_ids: bool = False
-    """Each camera numbers its people on its own: identities are tracklet numbers that mean nothing in another camera."""
+    """Whether each camera numbers its people on its own: identities are then tracklet numbers, without meaning elsewhere."""
     tracklet_seconds: float = 0.0
-    """Tracklets are cut at random, exponential lengths with this mean, and where a person is not seen for over a second.
+    """Mean of the random, exponential lengths of tracklets. They are also cut if a person is not seen for over a second.
 
     0: one tracklet for each person and camera. Needs `unrelated_ids`.
     """
     embeddings: str = "none"
-    """none | distinct (appearance tells people apart, as well as re-identification does) | alike (it tells nothing)."""
+    """none | distinct (appearance distinguishes people about as well as re-identification) | alike (it does not)."""
     camera_fps: tuple[float, ...] = ()
-    """Frames per second of each camera; all have `fps` unless given. Then the observations hold clocks without offsets."""
+    """Frames per second of each camera; empty: all have `fps`. If given, the observations hold clocks without offsets."""
     groups: tuple[int, ...] = ()
-    """Numbers of cameras that stand around areas of their own, with no common ground; the people are shared out among them."""
+    """Number of cameras of each group; each group has its own area, without common ground, and its share of the people."""
 
     lenses: str = TYPICAL
     """typical (common surveillance lenses) | varied (any field of view from 28 to 90 degrees, up to strong distortion) | shared
@@ -157,22 +159,22 @@ class SimulationOptions:
 
     @property
     def n_cameras(self) -> int:
-        """The number of cameras, the preset's unless given."""
+        """Number of cameras; by default the preset's."""
         return self.scene.cameras if self.cameras is None else self.cameras
 
     @property
     def n_people(self) -> int:
-        """The number of people, the preset's unless given."""
+        """Number of people; by default the preset's."""
         return self.scene.people if self.people is None else self.people
 
     @property
     def camera_height(self) -> float:
-        """Metres above the ground, the preset's unless given."""
+        """Height of the cameras above the ground, metres; by default the preset's."""
         return self.scene.camera_height_m if self.camera_height_m is None else self.camera_height_m
 
     @property
     def n_frames(self) -> int:
-        """The number of instants, at least one."""
+        """Number of instants, at least one."""
         return max(1, round(self.seconds * self.fps))
 
     @property
@@ -182,7 +184,7 @@ class SimulationOptions:
 
     @property
     def group_sizes(self) -> tuple[int, ...]:
-        """Numbers of cameras by group; one group unless given."""
+        """Number of cameras of each group; by default one group."""
         return self.groups or (self.n_cameras,)
 
 
@@ -193,27 +195,27 @@ def _check(name: str, value: float, low: float, high: float) -> None:
 
 @dataclass(frozen=True)
 class Activity:
-    """What a person does for a while; every pair is the range from which an episode's value is drawn."""
+    """An activity of a person; each pair is the range from which an episode's value is drawn."""
 
     name: str
     share: float
     """Share of a person's time, relative to the other activities of the preset."""
     seconds: Range
-    """Length of an episode."""
+    """Length of an episode, seconds."""
     speed: Range = ZERO
-    """Metres per second along the path."""
+    """Speed along the path, metres per second."""
     crouch: Range = ZERO
-    """0 stands, 1 squats with the hips at a fifth of the body height."""
+    """0: the person stands; 1: squats, with the hips at a fifth of the body height."""
     lean: Range = ZERO
     """Forward lean of the trunk, radians."""
     seat: Range = ZERO
-    """0 keeps the hips above the feet, 1 moves them behind the feet as on a chair."""
+    """0: the hips are above the feet; 1: behind the feet, as on a chair."""
     raised: Range = ZERO
-    """0 lets the right arm hang, 1 stretches it overhead."""
+    """0: the right arm hangs; 1: it is stretched overhead."""
     both_arms: bool = False
-    """Raise the left arm as well."""
+    """Whether the left arm is raised as well."""
     carry: Range = ZERO
-    """1 holds a load in front of the body with both arms."""
+    """1: both arms hold a load in front of the body."""
     jump: Range = ZERO
     """Height of the jumps, metres; one jump about every two seconds."""
 
@@ -223,16 +225,16 @@ class Preset:
     """Area, cameras and people of a scene."""
 
     area_m: tuple[float, float]
-    """Extent along x and y, centred on the world's origin."""
+    """Extent along x and y, metres, centred on the world's origin."""
     cameras: int
     camera_height_m: float
     standoff_m: float
-    """How far outside the area the cameras stand."""
+    """Distance of the cameras from the area along x and y, metres."""
     picture: tuple[int, int]
     """(width, height), pixels."""
     people: int
     entering: float
-    """Share of the people who come in after the start."""
+    """Share of the people who enter after the start."""
     activities: tuple[Activity, ...]
 
 

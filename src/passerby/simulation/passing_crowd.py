@@ -1,7 +1,8 @@
-"""A crowd that passes through a place for an hour, seen by cameras that begin minutes apart: boxes of upright people only.
+"""A crowd that passes through a place for an hour, seen by cameras that start minutes apart: boxes of upright people only.
 
-`scene.simulate` renders bodies with joints, all of whom stay in one area, for clocks some seconds apart. Here people come and
-go, much of their way is outside the common area, and an hour takes seconds: a person is an upright segment with a width.
+`scene.simulate` simulates bodies with joints that all stay in one area, for clocks some seconds apart. Here people come and go,
+and much of their path is outside the common area. An hour is simulated in seconds, because a person is only an upright segment
+with a width.
 """
 
 from __future__ import annotations
@@ -20,16 +21,16 @@ from passerby.simulation.lenses import looking_at
 
 PICTURE = (1280, 720)
 PLACE_M = 36.0
-"""Side of the square that people cross; cameras see a part of it each."""
+"""Side of the square that people cross; each camera sees a part of it."""
 RADIUS_M, CAMERA_HEIGHT_M, FIELD_OF_VIEW_DEG = 13.0, 4.0, (55.0, 75.0)
 AIM_M = 3.0
-"""Cameras look at points this far from the middle of the place, each at its own."""
+"""Largest distance, along x and y, between the middle of the place and the point that a camera looks at."""
 HALF_WIDTH_M = 0.25
 SPEED_MS, STOP_S, STOPS = (0.8, 1.7), (3.0, 40.0), (0, 3)
 BOX_NOISE = 0.015
 """Standard deviation of a box's four edges, as a share of its height."""
 RETURN_S = 2.0
-"""A person who is not seen for longer is another tracklet of the camera."""
+"""A person who is not seen for longer gets a new tracklet in the camera."""
 STEP_S = 0.1
 
 
@@ -39,50 +40,50 @@ class CrowdOptions:
 
     seed: int
     starts_s: tuple[float, ...] = (0.0, 1200.0, 600.0)
-    """When each camera's recording begins, seconds."""
+    """Start of each camera's recording, seconds."""
     seconds: float = 2400.0
-    """How long each camera records."""
+    """Length of each camera's recording."""
     fps: float = 2.5
     per_minute: float = 6.0
-    """People who come in."""
+    """Mean number of people who enter per minute."""
     missing: float = 0.1
     """Share of the boxes that are missing."""
     identities_known: bool = False
-    """Whether the same number is the same person in all cameras; else tracklets have numbers of each camera's own."""
+    """Whether the same number is the same person in all cameras; otherwise each camera numbers its tracklets on its own."""
     strangers: tuple[int, ...] = ()
-    """Numbers of cameras, from 0, that stand at the same kind of place elsewhere: they see other people."""
+    """Indices, from 0, of cameras that stand at a similar place elsewhere and see other people."""
 
     def __post_init__(self) -> None:
-        """Raises `InputError` for no camera, no time or no people."""
+        """Raise `InputError` for no camera, no time or no people."""
         if not self.starts_s or min(self.seconds, self.fps, self.per_minute) <= 0 or not 0 <= self.missing < 1:
             raise InputError("a crowd needs starts_s, seconds, fps and per_minute above 0, and missing from 0 to below 1")
 
 
 @dataclass(frozen=True, eq=False)
 class PassingCrowd:
-    """What the cameras report, and the truth."""
+    """Observations of the cameras, and the truth."""
 
     rig: Rig
     """The true cameras."""
     observations: Observations
-    """Boxes, frames counted from 1 by each camera's own clock; clocks have rates, and no offsets."""
+    """Boxes, with frames counted from 1 by each camera's own clock; clocks have rates, but no offsets."""
     starts_s: tuple[float, ...]
-    """When each recording begins, which are the offsets of the clocks."""
+    """Start of each recording, seconds: the time offsets of the clocks."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Walk:
-    """One person's way."""
+    """Path of one person."""
 
     seconds: Floats
-    """(K,) even, `STEP_S` apart."""
+    """(K,) times, `STEP_S` apart."""
     ground: Floats
-    """(K, 2) metres."""
+    """(K, 2) positions on the ground, metres."""
     height: float
 
 
 def simulate_crowd(options: CrowdOptions) -> PassingCrowd:
-    """People who cross a place, and what the cameras around it report of them."""
+    """Simulate people who cross a place, and the boxes that the cameras around it report."""
     place, elsewhere, aims, boxes = np.random.default_rng((options.seed, 41)).spawn(4)
     begin, end = min(options.starts_s), max(options.starts_s) + options.seconds
     crowds = [_draw_walks(options.per_minute, begin, end, rng) for rng in (place, elsewhere)]
@@ -96,14 +97,14 @@ def simulate_crowd(options: CrowdOptions) -> PassingCrowd:
 
 
 def _draw_walks(per_minute: float, begin: float, end: float, rng: np.random.Generator) -> list[_Walk]:
-    """People who come in as a Poisson process, some in the minute before the first recording."""
+    """Draw the paths of people who enter as a Poisson process, from a minute before the first recording."""
     begin -= 60.0
     arrivals = np.sort(rng.uniform(begin, end, rng.poisson(per_minute * (end - begin) / 60.0)))
     return [_walk(float(at), own) for at, own in zip(arrivals, rng.spawn(len(arrivals)), strict=True)]
 
 
 def _walk(at: float, rng: np.random.Generator) -> _Walk:
-    """From one edge of the place to another by way of some points, with stops."""
+    """Draw a path from one edge of the place to another, through some points and with stops; it starts at time `at`."""
     half = 0.5 * PLACE_M
     ends = [np.array([rng.uniform(-half, half), half]) @ _quarter(int(side)) for side in rng.choice(4, 2, replace=False)]
     between = rng.uniform(-0.6 * half, 0.6 * half, (int(rng.integers(*STOPS)), 2))
@@ -122,12 +123,12 @@ def _walk(at: float, rng: np.random.Generator) -> _Walk:
 
 
 def _quarter(turns: int) -> Floats:
-    """(2, 2) rotation by quarters of a turn."""
+    """Return the rotation (2, 2) by a number of quarter turns."""
     return np.linalg.matrix_power(np.array([[0.0, -1.0], [1.0, 0.0]]), turns)
 
 
 def _camera(number: int, count: int, rng: np.random.Generator) -> Camera:
-    """On a circle around the place, looking at a point of its own near the middle."""
+    """Draw a camera on a circle around the middle of the place; it looks at its own point near the middle."""
     angle = 2 * np.pi * (number / count + rng.uniform(-0.06, 0.06))
     centre = np.array([RADIUS_M * np.cos(angle), RADIUS_M * np.sin(angle), CAMERA_HEIGHT_M + rng.uniform(-0.5, 0.5)])
     aim = np.array([*rng.uniform(-AIM_M, AIM_M, 2), 0.8])
@@ -139,7 +140,7 @@ def _camera(number: int, count: int, rng: np.random.Generator) -> Camera:
 def _observe_crowd(
     camera: Camera, walks: Sequence[_Walk], start: float, options: CrowdOptions, rng: np.random.Generator
 ) -> CameraObservations:
-    """The boxes of people who are whole in the image."""
+    """Return the boxes, with noise, of people who are whole in the image."""
     frames = np.arange(1, round(options.seconds * options.fps) + 1)
     times = start + (frames - 1) / options.fps
     person, frame, ltwh = [], [], []
@@ -163,7 +164,7 @@ def _observe_crowd(
 
 
 def _boxes(camera: Camera, ground: Floats, height: float) -> Floats:
-    """(N, 4) left, top, width, height of people at places (N, 2); NaN behind the camera."""
+    """Compute left, top, width, height (N, 4) of people at places (N, 2); NaN behind the camera."""
     foot = np.column_stack([ground, np.zeros(len(ground))])
     feet, head = camera.project(foot), camera.project(foot + np.array([0.0, 0.0, height]))
     assert camera.pose is not None
@@ -174,12 +175,12 @@ def _boxes(camera: Camera, ground: Floats, height: float) -> Floats:
 
 
 def _find_whole(box: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """(N,) which boxes are inside the image, and large enough for a detector."""
+    """Return whether boxes are inside the image and large enough for a detector, (N,)."""
     first, last = box[:, :2], box[:, :2] + box[:, 2:]
     return np.asarray((first > 2).all(axis=1) & (last < np.array(PICTURE) - 2).all(axis=1) & (box[:, 3] > 40))
 
 
 def _tracklets(who: Ints, frame: Ints, fps: float) -> Ints:
-    """(N,) tracklet numbers: people in order, each cut where not seen for `RETURN_S`. Rows come person after person."""
+    """Return tracklet numbers (N,); a gap over `RETURN_S` starts a new one. Rows are sorted by person, then by frame."""
     new = (np.diff(who) != 0) | (np.diff(frame) > RETURN_S * fps)
     return np.concatenate([[0], np.cumsum(new)]).astype(np.int64)

@@ -1,6 +1,6 @@
 """A whole simulated scene: cameras, people, and observations; also in several areas without common ground.
 
-With a single area everything is drawn as if there were no other; the first of several stands where the single one would.
+Further areas use random generators of their own. The first area is at the place of a single one: around the world's origin.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from passerby.simulation.options import MIN_PEOPLE, PRESETS, SimulationOptions
 
 BODIES_AT_ONCE = 4000
 AREA_DISTANCE_M = 250.0
-"""From one area's middle to the next one's, along x: ten times the largest area."""
+"""Distance between the middles of neighbouring areas, along x: ten times the largest area."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedScene:
-    """The truth of a scene and what its cameras report. T instants, P people; world z up, ground z = 0, metres."""
+    """The truth of a scene and the observations of its cameras. T instants, P people; world z up, ground z = 0, metres."""
 
     options: SimulationOptions
     rig: Rig
     """The true cameras, with poses."""
     observations: Observations
-    """Boxes and COCO joints per camera. Frame numbers start at 1; clocks are there where frame rates are given per camera."""
+    """Boxes and COCO joints per camera. Frame numbers start at 1. There are clocks if frame rates are given per camera."""
     heights: dict[int, float]
     """Identity -> standing height with shoes, metres."""
     frames: Ints
@@ -43,17 +43,17 @@ class SimulatedScene:
     identities: Ints
     """(P,) identities, from 1."""
     ground_positions: Floats
-    """(T, P, 2) ground position between the feet at world time (frame - 1) / fps; NaN before a person comes in."""
+    """(T, P, 2) ground position between the feet at world time (frame - 1) / fps; NaN before a person enters."""
     joints3d: Floats
-    """(T, P, 17, 3) COCO's joints at the same times; NaN before a person comes in."""
+    """(T, P, 17, 3) COCO's joints at the same times; NaN before a person enters."""
     upright: NDArray[np.bool_]
-    """(T, P) who stands, walks or runs, and neither crouches, leans, sits, jumps nor reaches overhead."""
+    """(T, P) whether a person is present and does not crouch, lean, sit, jump or reach overhead."""
     clock_offsets: dict[str, float]
-    """Camera -> seconds: its frame f shows the world at (f - 1) / fps + offset, with the camera's own fps."""
+    """Camera -> time offset, seconds: frame f shows the world at (f - 1) / fps + offset, with the camera's own fps."""
     motion: Motion
-    """How everybody moves at any time, for the pictures of the scene."""
+    """Motion of all people at any time, from which the pictures of the scene are rendered."""
     true_identities: dict[str, Ints]
-    """Camera -> (N,) who each of its boxes really shows; -1 for a box without a person."""
+    """Camera -> (N,) identity of the person that each box really shows; -1 for a box without a person."""
 
     @property
     def truth(self) -> dict[str, Boxes]:
@@ -73,20 +73,20 @@ class SimulatedScene:
 
 @dataclass(frozen=True, eq=False)
 class Filmed:
-    """People in front of cameras, before any detector: what scenes have in common that differ in the detector's faults only."""
+    """People in front of cameras, without a detector: the common part of scenes that differ only in the detector's faults."""
 
     options: SimulationOptions
     rig: Rig
     heights: Floats
-    """(P,) metres."""
+    """(P,) standing heights, metres."""
     motion: Motion
     clock_offsets: Floats
-    """(cameras,) seconds."""
+    """(cameras,) time offsets, seconds."""
     views: tuple[View, ...]
-    """Of each camera, at its own instants."""
+    """View of each camera, at its own instants."""
 
     def serves(self, options: SimulationOptions) -> bool:
-        """Whether a scene of these options is filmed alike."""
+        """Return whether a scene with these options has the same views."""
         return remove_faults(options) == remove_faults(self.options)
 
 
@@ -94,11 +94,11 @@ FAULTS = (
     "box_noise", "corner_noise_px", "box_slack", "missing", "false_boxes", "identity_swaps", "joint_noise_px", "unrelated_ids",
     "tracklet_seconds", "embeddings",
 )  # fmt: skip
-"""Options that say what a detector makes of the views, and nothing about the views themselves."""
+"""Options that affect only the output of the detector, and not the views."""
 
 
 def remove_faults(options: SimulationOptions) -> SimulationOptions:
-    """The options with the defaults of all that is in `FAULTS`."""
+    """Return the options with the default values for all options in `FAULTS`."""
     defaults: dict[str, Any] = {item.name: item.default for item in fields(options) if item.name in FAULTS}
     return replace(options, **defaults)
 
@@ -106,12 +106,12 @@ def remove_faults(options: SimulationOptions) -> SimulationOptions:
 def simulate(options: SimulationOptions, filmed: Filmed | None = None) -> SimulatedScene:
     """Simulate a scene; the same options give the same scene, bit for bit.
 
-    Cameras, heights, motion, clocks, every fault of the detector, tracklets and appearance draw from generators of their own:
-    a fault changes neither the motion nor the cameras nor another fault.
+    Cameras, heights, motion, clocks, each fault of the detector, tracklets and appearance use their own random generators.
+    Therefore a fault changes neither the motion nor the cameras nor another fault.
 
     Args:
-        options: of the scene.
-        filmed: what `film` makes of the same options, or of others that differ in `FAULTS` only: to save most of the time.
+        options: options of the scene.
+        filmed: result of `film` for the same options, or for others that differ only in `FAULTS`; saves most of the time.
 
     Raises:
         InputError: `filmed` shows another scene.
@@ -148,12 +148,12 @@ def simulate(options: SimulationOptions, filmed: Filmed | None = None) -> Simula
 
 
 def film(options: SimulationOptions) -> Filmed:
-    """Cameras, people, their motion and the views of them: most of the time of `simulate`, and no fault in it."""
+    """Simulate cameras, people, their motion and their views, without faults; this takes most of the time of `simulate`."""
     placing, growing, moving, clocks, _, elsewhere, *_ = _generators(options)
     areas = Areas.of(options)
     others = [generator.spawn(2) for generator in elsewhere.spawn(len(options.group_sizes) - 1)]
     rig = place_groups(options, areas, [placing, *(other[0] for other in others)])
-    # Beyond 2.5 sigma is left out: a child-sized adult would say more about the draw than about the method.
+    # Heights are clipped at 2.5 sigma: with an adult as small as a child, results would depend on the draw, not on the method.
     normal = np.clip(growing.standard_normal(options.n_people), -2.5, 2.5)
     heights = options.person_height_mean_m + options.person_height_sd_m * normal
     rates = options.frame_rates
@@ -170,7 +170,7 @@ def film(options: SimulationOptions) -> Filmed:
 
 
 def _generators(options: SimulationOptions) -> list[np.random.Generator]:
-    """Placing, growing, moving, clocks, detecting, elsewhere, cutting and looking: a generator each."""
+    """Return the generators of cameras, heights, motion, clocks, detectors, further areas, tracklet cuts and embeddings."""
     seeds = np.random.SeedSequence((options.seed, list(PRESETS).index(options.preset))).spawn(8)
     return [np.random.default_rng(seed) for seed in seeds]
 
@@ -178,7 +178,7 @@ def _generators(options: SimulationOptions) -> list[np.random.Generator]:
 def _observations(
     options: SimulationOptions, found: Mapping[str, Detected], cutting: np.random.Generator, looking: np.random.Generator
 ) -> Observations:
-    """What the detectors report, with the tracklet numbers, the embeddings and the clocks that the options ask for."""
+    """Return the detectors' output with the tracklet numbers, the embeddings and the clocks that the options request."""
     dressing, *watching = looking.spawn(1 + len(found))
     appearance = people_looks(options.n_people, dressing) if options.embeddings == "distinct" else None
     cameras = {}
@@ -196,9 +196,9 @@ def _observations(
 
 
 def _view(camera: Camera, motion: Motion, times: Floats, heights: Floats, here: NDArray[np.bool_], occlusion: bool) -> View:
-    """The view at all times of the people (P,) who are here.
+    """Compute the view, at all times, of the people (P,) who are in the camera's area.
 
-    It is computed in stretches: memory stays at a few hundred MB for a scene of any length.
+    It is computed in stretches, so that a scene of any length needs only a few hundred MB of memory.
     """
     stretch = max(1, BODIES_AT_ONCE // len(heights))
     parts = []
@@ -209,7 +209,7 @@ def _view(camera: Camera, motion: Motion, times: Floats, heights: Floats, here: 
 
 
 def _clock_offsets(options: SimulationOptions, rng: np.random.Generator) -> Floats:
-    """(cameras,) seconds; the first camera keeps the world's time where the offsets are drawn."""
+    """Return the time offsets (cameras,), seconds; if they are drawn, that of the first camera is 0."""
     if isinstance(options.clock_offsets, tuple):
         return np.array(options.clock_offsets)
     drawn = rng.uniform(-1, 1, options.n_cameras) * options.clock_offsets
@@ -219,16 +219,16 @@ def _clock_offsets(options: SimulationOptions, rng: np.random.Generator) -> Floa
 
 @dataclass(frozen=True, eq=False)
 class Areas:
-    """Who is where. C cameras, P people."""
+    """Areas of C cameras and P people."""
 
     of_camera: Ints
-    """(C,) area, from 0."""
+    """(C,) number of the camera's area, from 0."""
     of_person: Ints
-    """(P,) area, from 0."""
+    """(P,) number of the person's area, from 0."""
 
     @classmethod
     def of(cls, options: SimulationOptions) -> Areas:
-        """The areas that the options ask for: people are shared out in proportion to the cameras."""
+        """Return the areas of the options; people are distributed in proportion to the cameras."""
         cameras, numbers = options.group_sizes, np.arange(len(options.group_sizes))
         return cls(np.repeat(numbers, cameras), np.repeat(numbers, share_out(options.n_people, cameras)))
 
@@ -237,12 +237,12 @@ class Areas:
 
     @staticmethod
     def middle(area: int) -> Floats:
-        """(2,) the middle of an area, world, metres."""
+        """Return the middle of an area (2,), world, metres."""
         return np.array([AREA_DISTANCE_M * area, 0.0])
 
 
 def share_out(people: int, cameras: Sequence[int]) -> tuple[int, ...]:
-    """How many people each area has: `MIN_PEOPLE` first, then in proportion to its cameras, by largest remainders."""
+    """Return the number of people of each area: `MIN_PEOPLE`, and more in proportion to its cameras, by largest remainders."""
     if len(cameras) == 1:
         return (people,)
     least = np.full(len(cameras), MIN_PEOPLE)
@@ -254,7 +254,7 @@ def share_out(people: int, cameras: Sequence[int]) -> tuple[int, ...]:
 
 
 def place_groups(options: SimulationOptions, areas: Areas, rngs: Sequence[np.random.Generator]) -> Rig:
-    """The cameras of all areas, named C1, C2, ... throughout; one generator for each area."""
+    """Place the cameras of all areas, with consecutive names C1, C2, ...; `rngs` holds one generator for each area."""
     scene = options.scene
     cameras: list[Camera] = []
     for area in areas:
@@ -270,14 +270,14 @@ def place_groups(options: SimulationOptions, areas: Areas, rngs: Sequence[np.ran
 def move_groups(
     options: SimulationOptions, areas: Areas, heights: Floats, seconds: float, rngs: Sequence[np.random.Generator]
 ) -> Motion:
-    """The motion of the people of all areas; one generator for each area.
+    """Simulate the motion of the people of all areas.
 
     Args:
-        options: of the scene.
-        areas: who is where.
-        heights: (P,) metres.
+        options: options of the scene.
+        areas: areas of cameras and people.
+        heights: (P,) standing heights, metres.
         seconds: length of the scene.
-        rngs: one for each area.
+        rngs: one generator for each area.
     """
     parts = []
     for area in areas:

@@ -1,4 +1,4 @@
-"""A simulated scene as a folder: a scene file ready to calibrate, and the truth beside it."""
+"""A simulated scene as a folder: a scene file that can be calibrated, and the truth."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from passerby.simulation.scene import SimulatedScene
 
 SCENE_FILE = "scene.toml"
 BOXES_FILE = "boxes.toml"
-"""Beside a scene file of videos: the same scene from boxes that are known."""
+"""Second scene file in a folder with videos: the same scene with known boxes."""
 MEAN_SD = 0.0125
-"""Boxes show a known mean height to about this share of it: what lengths are off by in simulated scenes of many people."""
+"""Standard deviation of a known mean height as boxes show it, as a share of the height. It is the error of lengths in simulated
+scenes of many people."""
 OPTIONS_FILE = "simulation.toml"
 VIDEOS = "videos"
 
@@ -37,20 +38,20 @@ def write_scene(
     executor: Executor | None = None,
     tell: Progress = silent,
 ) -> Path:
-    """Write a scene folder, whole or not at all, and return the path of its scene file.
+    """Write a scene folder, as a whole or not at all, and return the path of its scene file.
 
-    The folder holds `scene.toml` (identities given; to be found where they are unrelated), `intrinsics.toml` (lenses, no
-    poses), `tracks/CAMERA.txt` (MOTChallenge), `embeddings/CAMERA.npz` (where the options ask for them; rows as in the
-    tracks), on request `keypoints/CAMERA.json` (COCO), and the truth: `truth.toml` (the rig with its poses), `truth/CAMERA.txt`
-    (where identities are unrelated: the boxes of people with their true identities), `heights.csv`, `ground_positions.csv` and
+    The folder holds `scene.toml` (identities given, or to be found if they are unrelated), `intrinsics.toml` (lenses, no
+    poses), `tracks/CAMERA.txt` (MOTChallenge), `embeddings/CAMERA.npz` (if the options request them; rows as in the tracks),
+    on request `keypoints/CAMERA.json` (COCO), and the truth: `truth.toml` (the rig with its poses), `truth/CAMERA.txt` (if
+    identities are unrelated: the boxes of people with their true identities), `heights.csv`, `ground_positions.csv` and
     `simulation.toml` (the options and the cameras' clock offsets).
 
-    With `video`, `videos/CAMERA.mp4` show the scene and `scene.toml` names them alone: no boxes, no identities, no frame rate.
-    `boxes.toml` is then the scene file of the boxes, and `truth/CAMERA.txt` is there in any case. The videos are rendered side
-    by side by `executor`, or one after the other where it is None; `tell` is called for each that is done.
+    With `video`, `videos/CAMERA.mp4` show the scene, and `scene.toml` names only them: no boxes, no identities, no frame rate.
+    `boxes.toml` is then the scene file of the boxes, and `truth/CAMERA.txt` is always written. `executor` renders the videos in
+    parallel; if it is None, they are rendered one after the other. `tell` is called after each video.
 
-    A folder written by an earlier simulation is replaced as a whole. Raises `InputError` for one that holds anything else, or
-    that cannot be written.
+    A folder written by an earlier simulation is replaced as a whole. Raises `InputError` for a folder with any other content,
+    and for one that cannot be written.
     """
     directory = Path(directory)
     with whole_folder(directory, OPTIONS_FILE, "a simulated scene") as new:
@@ -66,7 +67,7 @@ def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: 
     write_rig(folder / "truth.toml", simulated.rig)
     for camera in simulated.rig.names:
         seen = simulated.observations[camera]
-        # In the order in which they are written, so that the rows of the embeddings are those of the tracks.
+        # Sorted as in the written file, so that the rows of the embeddings are those of the tracks.
         boxes = seen.boxes.take(np.lexsort((seen.boxes.identity, seen.boxes.frame)))
         write_boxes(folder / _tracks(camera), boxes)
         if boxes.embedding is not None:
@@ -96,7 +97,7 @@ def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: 
 
 
 def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, Any]:
-    """The content of the scene file: nothing in it tells the clocks' offsets."""
+    """Return the content of the scene file; it does not state the clock offsets."""
     options = simulated.options
     cameras = {
         camera: {"intrinsics": "intrinsics.toml", "tracks": _tracks(camera)}
@@ -112,16 +113,16 @@ def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, A
         "solver": {"method": "people"},
         "scale": {
             "person_height_m": options.person_height_mean_m,
-            # A spread of zero would claim a height that is known exactly; it is not known to better than a centimetre.
+            # A spread of zero would state that heights are known exactly; they are known to a centimetre at best.
             "person_height_sd_m": max(options.person_height_sd_m, 0.01),
-            # The mean is the one that heights were drawn from.
+            # The mean is that of the distribution from which the heights were drawn.
             "person_height_mean_sd_m": MEAN_SD * options.person_height_mean_m,
         },
     }
 
 
 def _describe_video_scene(scene: dict[str, Any]) -> dict[str, Any]:
-    """The scene file of the videos, from that of the boxes: frame rates are the videos' own, identities are to be found."""
+    """Return the scene file of the videos, from that of the boxes: the videos state the frame rates, identities are unknown."""
     cameras = {
         camera: {"intrinsics": table["intrinsics"], "video": f"{VIDEOS}/{camera}.mp4"}
         for camera, table in scene["cameras"].items()

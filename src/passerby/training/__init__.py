@@ -1,4 +1,4 @@
-"""Re-ID networks: trained, adapted to a scene, evaluated, exported. The only room that imports torch (extra `reid`).
+"""Training, adaptation to a scene, evaluation and export of re-ID networks. Only this package imports torch (extra `reid`).
 
-Only the modules that import torch need it, and commands import one of them when they run. Imports `calibration` and below.
+Only some modules import torch, and commands import them when they run. This package imports `calibration` and lower packages.
 """

@@ -1,8 +1,9 @@
-"""Which boxes of one identity the geometry confirms: instant by instant, in two cameras or more, and no other person's as well.
+"""Check of identities by geometry, instant by instant: the boxes that two or more cameras confirm for one person only.
 
-At one instant the boxes of an identity must show one place on the ground, each camera's compared with where the others see it.
-And that must tell: in each camera every other person's box must fit clearly worse, and none of the boxes may fit a place where
-others are seen. Boxes that fail are left out, the worst first, as long as two remain.
+At one instant the boxes of an identity must show one place on the ground; the place by each camera is compared with that by
+the others. The result must be unambiguous: in each camera all other people's boxes must fit clearly worse, and none of the
+boxes may fit a place where other cameras see another person. Boxes that fail are left out, the worst first, as long as two
+remain.
 """
 
 from __future__ import annotations
@@ -20,30 +21,30 @@ from passerby.geometry.groups import group_sums, least_of_groups, rows_of_equal
 from passerby.people.ground_positions import Places
 
 FITS = 9.2
-"""Squared sigmas on the plane within which a box is where the others see the person: 99 of 100 of them are."""
+"""Maximum squared sigmas on the plane between a box and the person's place by the other cameras: 99 of 100 boxes are within."""
 OTHER, MARGIN = 16.0, 9.0
-"""Another person's box is at least so many squared sigmas away, and by so many more than the person's own."""
+"""Minimum squared sigmas between another person's box and this place, and how many more than for the person's own box."""
 SAME_BOX_IOU = 0.7
-"""Boxes of one camera that overlap more show one person, found twice."""
+"""Boxes of one camera with a larger overlap show one person, detected twice."""
 SPREADS = (0.6, 2.0)
-"""Sigmas are believed between these multiples of the usual ones; beyond, the rig or the labels are too bad to tell."""
+"""Limits of the factor on the usual sigmas; outside of them, the rig or the labels are too wrong for an estimate."""
 USUAL_MEDIAN = 1.386
 """Median of squared sigmas on a plane (chi-square with two degrees of freedom)."""
 NEAR_M = 1.0
 """People nearer to each other on the ground may exchange their labels."""
 CROWDED = 6.0
-"""Squared sigmas within which a person may be at the very place where another is."""
+"""Squared sigmas within which two people may be at the same place."""
 BLOCK_ROWS = 50_000
-"""Boxes that are compared at once, so that memory stays flat."""
+"""Number of boxes that are compared at once, to limit memory."""
 
 HALF_WIDTH_M = 0.3
-"""Of a body with its arms, and of what a place on the ground is off by."""
+"""Half width of a body with its arms, including the error of a place on the ground."""
 BEHIND_M = 0.5
-"""A person who is farther away by more than that covers no other."""
+"""A person who is farther from the camera by more than this hides no other."""
 FAR_BEHIND = 2.0
-"""Who is so many times farther away is too small to matter."""
+"""A person who is farther from the camera by this factor is too small to have an effect."""
 COVERED = 0.2
-"""Share of a body, from the feet up, that a nearer person may cover."""
+"""Maximum share of a body, from the feet up, that a nearer person may hide."""
 
 SURE, CUT, ALONE, MISFIT, AMBIGUOUS, BEHIND, NEAR, DISPUTED, UNIDENTIFIED = range(9)
 REASONS = ("sure", "cut off by the border", "in one camera only", "does not meet", "another fits as well",
@@ -52,28 +53,28 @@ REASONS = ("sure", "cut off by the border", "in one camera only", "does not meet
 
 @dataclass(frozen=True, eq=False)
 class GeometricAgreement:
-    """What became of N boxes, and where G people are at their instants."""
+    """Results of N boxes, and places of G groups. A group is one identity at one instant."""
 
     reason: Ints
-    """(N,) `SURE`, or why not: a row of `REASONS`."""
+    """(N,) `SURE`, or the reason of the rejection: an index of `REASONS`."""
     group: Ints
-    """(N,) rows of the people at instants; -1 without identity."""
+    """(N,) group of each box; -1 without identity."""
     step: Ints
-    """(G,) instants, sorted by identity, then by instant."""
+    """(G,) instants; groups are sorted by identity, then by instant."""
     identity: Ints
-    """(G,)"""
+    """(G,) identity of each group."""
     place: Floats
-    """(G, 2) metres; NaN where only one camera sees the person."""
+    """(G, 2) place on the ground, metres; NaN if only one camera sees the person."""
     sure: NDArray[np.bool_]
-    """(G,) whether two cameras or more confirm it."""
+    """(G,) whether two cameras or more confirm the group."""
     near: NDArray[np.bool_]
     """(G,) whether another person is within `NEAR_M`."""
     spread: float
-    """By how much the usual sigmas were multiplied."""
+    """Factor on the usual sigmas."""
 
 
 def verify_boxes(places: Places) -> GeometricAgreement:
-    """Judge all boxes that have an identity."""
+    """Check all boxes that have an identity."""
     spread = _spread(places)
     places = replace(places, covariance=spread**2 * places.covariance)
     parts = [_verify_block(places.take(rows)) for rows in _blocks(places.step)] or [_verify_block(places)]
@@ -91,13 +92,13 @@ def verify_boxes(places: Places) -> GeometricAgreement:
 
 
 def pairs_within(key: Ints) -> tuple[Ints, Ints]:
-    """All ordered pairs of different rows with the same key (N,), which is sorted."""
+    """Return all ordered pairs of different rows with the same key; the keys (N,) are sorted."""
     i, j = rows_of_equal(key, key)
     return i[i != j], j[i != j]
 
 
 def _blocks(step: Ints) -> list[Ints]:
-    """Rows in parts, whole instants each, about `BLOCK_ROWS` of them."""
+    """Divide the rows into blocks of whole instants with about `BLOCK_ROWS` rows."""
     edges = [0]
     while edges[-1] < len(step):
         end = min(edges[-1] + BLOCK_ROWS, len(step)) - 1
@@ -107,19 +108,19 @@ def _blocks(step: Ints) -> list[Ints]:
 
 @dataclass(frozen=True, eq=False)
 class _Groups:
-    """The rows of people at instants, and how they are summed."""
+    """The group of each box (an identity at an instant), and sums over groups."""
 
     places: Places
     group: Ints
     count: int
     information: Floats
-    """(N, 2, 2)"""
+    """(N, 2, 2) inverse covariance of each place."""
     pull: Floats
     """(N, 2) information times place."""
 
     @classmethod
     def of(cls, places: Places) -> tuple[_Groups, Ints, Ints]:
-        """The groups, and (G,) their instants and identities."""
+        """Return the groups, and their instants and identities, (G,) each."""
         known = np.flatnonzero(places.identity != UNKNOWN)
         pairs = np.column_stack([places.step[known], places.identity[known]])
         named, which = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
@@ -130,20 +131,20 @@ class _Groups:
         return cls(places, group, len(named), information, pull), named[:, 0], named[:, 1]
 
     def sums(self, rows: Ints) -> tuple[Ints, Floats, Floats]:
-        """(G,) number, (G, 2, 2) information and (G, 2) pull of the given rows, added up by group."""
+        """Return number (G,), and sums of information (G, 2, 2) and pull (G, 2), of the given rows by group."""
         number = np.bincount(self.group[rows], minlength=self.count)
         information, pull = (group_sums(self.group[rows], part[rows], self.count) for part in (self.information, self.pull))
         return number, information, pull
 
     def elsewhere(self, rows: Ints) -> tuple[Floats, Floats]:
-        """(R, 2) and (R, 2, 2) where the other rows of each row's group see the person; two rows a group at least."""
+        """Compute place (R, 2) and covariance (R, 2, 2) by the other rows of each row's group; a group needs two rows."""
         _, information, pull = self.sums(rows)
         covariance = _inverse(information[self.group[rows]] - self.information[rows])
         return np.einsum("nij,nj->ni", covariance, pull[self.group[rows]] - self.pull[rows]), covariance
 
 
 def _spread(places: Places) -> float:
-    """How much wider than usual the boxes of one identity lie, by the median of those that are near each other."""
+    """Estimate the factor on the usual sigmas by the median distance between boxes of one identity, without distant boxes."""
     some = places.take(slice(None, BLOCK_ROWS))  # type: ignore[arg-type]
     groups, _, _ = _Groups.of(some)
     rows = _find_shared(groups, np.flatnonzero((groups.group >= 0) & some.whole))
@@ -156,18 +157,18 @@ def _spread(places: Places) -> float:
 
 
 def _find_shared(groups: _Groups, rows: Ints) -> Ints:
-    """Those rows whose group has two at least."""
+    """Return the rows whose group has at least two of the given rows."""
     number = np.bincount(groups.group[rows], minlength=groups.count)
     return rows[number[groups.group[rows]] > 1]
 
 
 def _verify_block(places: Places) -> GeometricAgreement:
-    """`verify_boxes` of a block; groups are sorted by instant."""
+    """Do the work of `verify_boxes` for one block; groups are sorted by instant."""
     groups, step, identity = _Groups.of(places)
     reason = np.where(groups.group < 0, UNIDENTIFIED, np.where(places.whole, SURE, CUT))
     mine, theirs = _rivals(places)
     _leave_out(groups, step, reason, mine, theirs)
-    # Whether a person is hidden is known once all positions are known.
+    # Hidden people can be found only after all positions are known.
     hidden = _hidden(groups, step, reason)
     reason[(reason == SURE) & hidden] = BEHIND
     _leave_out(groups, step, reason, mine, theirs)
@@ -181,7 +182,7 @@ def _verify_block(places: Places) -> GeometricAgreement:
 
 
 def _leave_out(groups: _Groups, step: Ints, reason: Ints, mine: Ints, theirs: Ints) -> None:
-    """Write into `reason` (N,) why rows fail, the worst of each group first, until all that are left agree."""
+    """Write into `reason` (N,) why rows fail, the worst of each group first, until all remaining rows agree."""
     while True:
         active = np.flatnonzero(reason == SURE)
         alone = np.setdiff1d(active, _find_shared(groups, active), assume_unique=True)
@@ -199,9 +200,9 @@ def _leave_out(groups: _Groups, step: Ints, reason: Ints, mine: Ints, theirs: In
 
 
 def _hidden(groups: _Groups, step: Ints, reason: Ints) -> NDArray[np.bool_]:
-    """(N,) rows of people before whom another person stands, seen from the row's camera.
+    """Return whether another person hides the person of each row from the row's camera, (N,).
 
-    The one in front need not have a box there: a detector finds one person of two, and it is unknown which.
+    The person in front may have no box in this camera: a detector may find one of two people, and it is unknown which.
     """
     places = groups.places
     where, _ = _positions(groups, step, reason, 1)
@@ -219,7 +220,7 @@ def _hidden(groups: _Groups, step: Ints, reason: Ints) -> NDArray[np.bool_]:
         depth = np.einsum("ni,ni->n", to_own, to_other) / reach
         across = np.sqrt(np.maximum((to_other**2).sum(axis=1) - depth**2, 0.0))
         shaded_m = centre[:, 2] - (centre[:, 2] - PERSON_HEIGHT_M) * reach / depth
-        # Of two on one line the farther one is hidden, and a box that is the only one there may hold both.
+        # Of two people on one line the farther one is hidden; a single box may contain both.
         two_boxes = has_box[other, places.camera[row]]
         before = (depth > 0) & (depth < np.where(two_boxes, reach + BEHIND_M, FAR_BEHIND * reach))
         before &= (across < HALF_WIDTH_M * (1 + depth / reach)) & (shaded_m > COVERED * PERSON_HEIGHT_M)
@@ -229,7 +230,7 @@ def _hidden(groups: _Groups, step: Ints, reason: Ints) -> NDArray[np.bool_]:
 
 
 def _rivals(places: Places) -> tuple[Ints, Ints]:
-    """Pairs of boxes of one camera at one instant that show two people; the first with an identity."""
+    """Return pairs of boxes of one camera at one instant that show two people; the first box has an identity."""
     _, key = np.unique(np.column_stack([places.step, places.camera]), axis=0, return_inverse=True)
     i, j = pairs_within(key.ravel())
     i, j = i[places.identity[i] != UNKNOWN], j[places.identity[i] != UNKNOWN]
@@ -238,7 +239,7 @@ def _rivals(places: Places) -> tuple[Ints, Ints]:
 
 
 def _failures(groups: _Groups, step: Ints, active: Ints, mine: Ints, theirs: Ints) -> tuple[Ints, Floats]:
-    """(R,) for each active row `SURE` or why not, and how bad it is."""
+    """Return, for each active row, `SURE` or the reason of a failure (R,), and a measure of the failure (R,)."""
     places = groups.places
     place, covariance = groups.elsewhere(active)
     own = _square_lengths(places.place[active] - place, covariance + places.covariance[active])
@@ -247,10 +248,10 @@ def _failures(groups: _Groups, step: Ints, active: Ints, mine: Ints, theirs: Int
     pairs = at[mine] >= 0
     row, rival = at[mine[pairs]], theirs[pairs]
     limit = np.maximum(OTHER, own + MARGIN)
-    # Of two in one camera
+    # Distance from another person's box in the same camera.
     nearest = np.full(len(active), np.inf)
     np.minimum.at(nearest, row, _square_lengths(places.place[rival] - place[row], covariance[row] + places.covariance[rival]))
-    # and of a place where two others see another person.
+    # Distance from a place where two other cameras see another person.
     row, squared = _elsewhere_another(groups, step, active)
     np.minimum.at(nearest, row, squared)
     lack = limit - nearest
@@ -259,7 +260,7 @@ def _failures(groups: _Groups, step: Ints, active: Ints, mine: Ints, theirs: Int
 
 
 def _elsewhere_another(groups: _Groups, step: Ints, active: Ints) -> tuple[Ints, Floats]:
-    """Rows of `active` and the squared sigmas from each to another person whom two further cameras see at that instant."""
+    """Return rows of `active`, and squared sigmas from each to another person that two other cameras see at the instant."""
     places = groups.places
     number, information, pull = groups.sums(active)
     seen = np.flatnonzero(number > 1)  # sorted by instant
@@ -267,7 +268,7 @@ def _elsewhere_another(groups: _Groups, step: Ints, active: Ints) -> tuple[Ints,
     other = seen[place]
     foreign = groups.group[active[row]] != other
     row, other = row[foreign], other[foreign]
-    # The other's box in the row's own camera is no further proof: it is taken out, which leaves those with two more.
+    # The other person's box in the row's own camera is no independent evidence, so it is taken out; two others must remain.
     by_camera = np.full((groups.count, int(places.camera.max(initial=0)) + 1), -1)
     by_camera[groups.group[active], places.camera[active]] = active
     there = by_camera[other, places.camera[active[row]]]
@@ -282,20 +283,20 @@ def _elsewhere_another(groups: _Groups, step: Ints, active: Ints) -> tuple[Ints,
 
 
 def _mark_disputed(groups: _Groups, reason: Ints) -> None:
-    """People of whom as many cameras see something else as agree: which of them is right?"""
+    """Mark groups with at least as many contradicting as agreeing cameras: it is unknown which of them are right."""
     agree = np.bincount(groups.group[reason == SURE], minlength=groups.count)
     against = np.bincount(groups.group[reason == MISFIT], minlength=groups.count)
     _overrule(groups, reason, np.asarray(agree <= against), DISPUTED)
 
 
 def _overrule(groups: _Groups, reason: Ints, doubtful: NDArray[np.bool_], why: int) -> None:
-    """Confirmed boxes (N,) of people (G,) who are doubtful get a reason."""
+    """Give the confirmed boxes of doubtful groups (G,) a reason of rejection, in place."""
     sure = np.flatnonzero(reason == SURE)
     reason[sure[doubtful[groups.group[sure]]]] = why
 
 
 def _positions(groups: _Groups, step: Ints, reason: Ints, fewest: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """(G, 2) where all people are whom so many cameras see, confirmed or not; (G,) whether another person is near."""
+    """Compute places (G, 2) of groups with at least `fewest` boxes, confirmed or not; (G,) whether another person is near."""
     place = np.full((groups.count, 2), np.nan)
     for rows in (np.flatnonzero((groups.group >= 0) & groups.places.whole), np.flatnonzero(reason == SURE)):
         number, information, pull = groups.sums(rows)
@@ -309,13 +310,13 @@ def _positions(groups: _Groups, step: Ints, reason: Ints, fewest: int) -> tuple[
 
 
 def _crowded(groups: _Groups, reason: Ints, mine: Ints, theirs: Ints) -> NDArray[np.bool_]:
-    """(G,) people of whom a camera that has their box has another's too that may stand where they do.
+    """Return whether a camera with a person's box has another person's box that fits the same place, (G,).
 
-    That is so where cameras look from one side: they tell the way to a person no better than one of them does.
+    This happens if the cameras look from one side: together they determine the distance to a person no better than one does.
     """
     places = groups.places
     number, information, pull = groups.sums(np.flatnonzero(reason == SURE))
-    # Where a camera's label went to another person, the other's box is the person's own.
+    # If a camera's label moved to another person, the other box shows the person, so it is no contradiction.
     told = (number[groups.group[mine]] > 1) & (reason[mine] != MISFIT)
     mine, theirs = mine[told], theirs[told]
     group = groups.group[mine]
@@ -328,19 +329,19 @@ def _crowded(groups: _Groups, reason: Ints, mine: Ints, theirs: Ints) -> NDArray
 
 
 def _square_lengths(difference: Floats, covariance: Floats) -> Floats:
-    """(N,) squared Mahalanobis lengths of (N, 2)."""
+    """Compute the squared Mahalanobis lengths (N,) of differences (N, 2)."""
     return np.asarray(np.einsum("ni,nij,nj->n", difference, _inverse(covariance), difference))
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Inverses of (N, 2, 2) symmetric matrices."""
+    """Invert symmetric matrices (N, 2, 2)."""
     a, b, c = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
     determinant = a * c - b * b
     return np.stack([np.stack([c, -b], -1), np.stack([-b, a], -1)], -2) / determinant[:, None, None]
 
 
 def _iou(a: Floats, b: Floats) -> Floats:
-    """(N,) intersection over union of boxes (N, 4), pair by pair."""
+    """Compute the intersection over union (N,) of boxes (N, 4), pair by pair."""
     low, high = np.maximum(a[:, :2], b[:, :2]), np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:])
     both = np.maximum(high - low, 0.0).prod(axis=1)
     return np.asarray(both / (a[:, 2:].prod(axis=1) + b[:, 2:].prod(axis=1) - both))

@@ -1,4 +1,4 @@
-"""A training's state on disk: written whole or not at all, and all that is needed to go on, to evaluate, or to export."""
+"""The state of a training on disk: all data to continue, evaluate or export it, written as a whole or not at all."""
 
 from __future__ import annotations
 
@@ -24,30 +24,30 @@ CHECKPOINT = "checkpoint.pt"
 FORMAT_NAME, FORMAT_VERSION = "passerby-reid-", 1
 FORMAT = f"{FORMAT_NAME}{FORMAT_VERSION}"
 PARTS = ("epoch", "options", "architecture", "people", "data", "origin", "network", "optimizer")
-"""Of what is kept beside the format."""
+"""Keys of a checkpoint, besides the format."""
 
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """What was kept of a training."""
+    """The stored state of a training."""
 
     path: Path
     epoch: int
-    """Epochs that are done."""
+    """Number of finished epochs."""
     options: TrainOptions
     architecture: Mapping[str, Any]
-    """The backbone's configuration, in the words of `transformers`."""
+    """Configuration of the backbone, with the keys of `transformers`."""
     people: int
     """Number of training people."""
     data: str
-    """A digest of what it was trained on."""
+    """Digest of the training data."""
     origin: Mapping[str, str]
-    """Where it comes from: names of the data sets, what it began with."""
+    """Source of the network: names of the data sets, first weights."""
     network: Mapping[str, Tensor] = field(repr=False)
     optimizer: Mapping[str, Any] = field(repr=False)
 
     def restored(self) -> ReidNetwork:
-        """The network with its weights, on the processor."""
+        """Return the network with its weights, on the processor."""
         options = self.options
         size = options.height, options.width
         backbone = make_kept_backbone(options.backbone, dict(self.architecture), size, options.last_stride)
@@ -62,9 +62,9 @@ class Checkpoint:
         return network
 
     def load_into(self, network: ReidNetwork, backbone: str) -> None:
-        """Begin a network with these weights; only the classifier, which is of other people, stays as it is.
+        """Load these weights into a network, except for the classifier, which is for other people.
 
-        Raises `InputError` where they are of another backbone, or of other options of the architecture.
+        Raises `InputError` if they are for another backbone, or for other options of the architecture.
         """
         if self.options.backbone != backbone:
             raise InputError(
@@ -91,7 +91,7 @@ def save_checkpoint(
     data: str,
     origin: Mapping[str, str],
 ) -> None:
-    """Keep the state after an epoch. Raises `InputError` where the folder cannot be written."""
+    """Write the state after an epoch. Raises `InputError` if the folder cannot be written."""
     state = {
         "format": FORMAT,
         "epoch": epoch,
@@ -109,7 +109,7 @@ def save_checkpoint(
 
 
 def architecture_of(backbone: nn.Module) -> dict[str, Any]:
-    """The configuration of a model of `transformers`, as plain values: what differs from its defaults."""
+    """Return the values of a `transformers` model's configuration that differ from its defaults, as plain values."""
     config: Any = backbone.config
     plain: dict[str, Any] = config.to_diff_dict()
     return {"model_type": config.model_type, **{key: value for key, value in plain.items() if _is_plain(value)}}
@@ -124,7 +124,7 @@ def _is_plain(value: Any) -> bool:
 def load_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint; `path` is the file, or the folder of a training.
 
-    Raises `InputError` where there is none, it is damaged, or it is something else.
+    Raises `InputError` if there is none, it is damaged, or the file is not a checkpoint.
     """
     file = path / CHECKPOINT if path.is_dir() else path
     if not file.is_file():
@@ -148,14 +148,14 @@ def load_checkpoint(path: Path) -> Checkpoint:
 
 
 def _read(file: Path) -> Any:
-    """What torch kept in a file. Raises `InputError` where it is damaged, or torch kept nothing there."""
+    """Read the content that torch stored in a file. Raises `InputError` if the file is damaged or not from torch."""
     try:
         with zipfile.ZipFile(file) as archive:
-            damaged = archive.testzip()  # torch writes the sums of what it keeps, but does not look at them when it reads
+            damaged = archive.testzip()  # torch writes checksums, but does not check them when it reads
         if damaged is not None:
             raise zipfile.BadZipFile(f"{damaged} is damaged")
         return torch.load(file, map_location="cpu", weights_only=True)
-    except Exception as error:  # what unpickling raises for bytes that mean something else has no end
+    except Exception as error:  # unpickling raises many kinds of exceptions for other bytes
         raise InputError(
             f"{file}: is not a checkpoint that can be read ({' '.join(str(error).split())[:120]}): train again, or give another"
         ) from None

@@ -1,4 +1,4 @@
-"""Pictures of people, one person each, listed from folders, with what is known of who they are."""
+"""Pictures of one person each, listed from folders, with the known identities and cameras."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from passerby.perception.crop_network import MIN_HEIGHT_PX, MIN_WIDTH_PX
 from passerby.perception.pictures import Picture
 
 JUNK = -1
-"""A picture that counts neither as right nor as wrong where it is found (Market-1501's identity -1)."""
+"""A picture that counts neither as right nor as wrong in the result of a search (Market-1501's identity -1)."""
 DISTRACTOR = -2
-"""A picture of no person who is searched for; wrong wherever it is found (Market-1501's identity 0000)."""
+"""A picture of no person of the query; always wrong in the result of a search (Market-1501's identity 0000)."""
 UNKNOWN_CAMERA = "unknown-camera"
-"""What the camera of a set is called whose file names tell none; no two of its pictures are known to be by the same one."""
+"""Name of the camera if the file names state none; no two of these pictures are known to be by the same camera."""
 PICTURE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 NAMED = 5
-"""So many faulty files are named one by one."""
+"""Maximum number of faulty files that are named."""
 THREADS = 8
 AT_ONCE = 1000
-"""Pictures between two reports of progress."""
+"""Number of pictures between two reports of progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +43,11 @@ class CropSet:
     camera: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     """(N,) rows of `cameras`."""
     people: tuple[str, ...] = ()
-    """Names, each of one person, as `market1501/0002`: the data set's name comes first."""
+    """Names, each of one person, such as `market1501/0002`: the data set's name comes first."""
     cameras: tuple[str, ...] = ()
-    """Names, as `market1501/c1`."""
+    """Names of cameras, such as `market1501/c1`."""
     apart: NDArray[np.bool_] | None = None
-    """(P, P) who are known to be two; None: all of them are. Known of tracks, of which two may be one person at two times."""
+    """(P, P) whether two people are known to be different; None: all are. Two tracks may be one person at two times."""
 
     def __post_init__(self) -> None:
         if not len(self.paths) == len(self.person) == len(self.camera):
@@ -60,13 +60,13 @@ class CropSet:
         return len(self.paths)
 
     def take(self, rows: NDArray[np.generic]) -> CropSet:
-        """The pictures of the given rows (indices or a mask), with all people and cameras."""
+        """Return the pictures of the given rows (indices or a mask), with all people and cameras."""
         index = np.arange(len(self))[rows]
         paths = tuple(self.paths[row] for row in index.tolist())
         return CropSet(paths, self.person[index], self.camera[index], self.people, self.cameras, self.apart)
 
     def of_people(self, rows: NDArray[np.generic]) -> CropSet:
-        """Only the given people (indices or a mask) and their pictures; people are counted anew."""
+        """Return only the given people (indices or a mask) and their pictures; people get new row numbers."""
         chosen = np.arange(len(self.people))[rows]
         number = np.full(len(self.people), -1)
         number[chosen] = np.arange(len(chosen))
@@ -84,22 +84,22 @@ class CropSet:
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
-    """One source of pictures: people to learn from, and people to be searched for."""
+    """One source of pictures: people for the training, and people for a search."""
 
     name: str
     train: CropSet = field(default_factory=CropSet)
     query: CropSet = field(default_factory=CropSet)
-    """Whom to search for; its people and cameras are named alike in `gallery`."""
+    """People to search for; people and cameras have the same names in `gallery`."""
     gallery: CropSet = field(default_factory=CropSet)
-    """Among whom."""
+    """Pictures that are searched."""
     notes: tuple[str, ...] = ()
-    """What was left out, and why: one line each."""
+    """Omitted parts and the reasons, one line each."""
 
 
 def mix_sets(sets: Sequence[CropSet]) -> CropSet:
-    """All pictures as one set. People and cameras of the same name are the same; names begin with the data set's.
+    """Join all pictures to one set. People and cameras of the same name are the same; names begin with the data set's.
 
-    People of two sets are different.
+    Therefore people of two data sets are different.
     """
     people = list(dict.fromkeys(name for crops in sets for name in crops.people))
     cameras = list(dict.fromkeys(name for crops in sets for name in crops.cameras))
@@ -111,7 +111,7 @@ def mix_sets(sets: Sequence[CropSet]) -> CropSet:
         apart = ~np.eye(len(people), dtype=np.bool_)
     for crops in sets:
         rows = np.array([*(row_of[name] for name in crops.people), DISTRACTOR, JUNK], dtype=np.int64)
-        persons.append(rows[crops.person])  # -1 and -2 stay what they are
+        persons.append(rows[crops.person])  # -1 and -2 do not change
         seen_by.append(np.array([camera_of[name] for name in crops.cameras], dtype=np.int64)[crops.camera])
         if apart is not None and crops.apart is not None:
             apart[np.ix_(rows[:-2], rows[:-2])] = crops.apart
@@ -121,11 +121,11 @@ def mix_sets(sets: Sequence[CropSet]) -> CropSet:
 
 @dataclass(frozen=True)
 class Listed:
-    """A picture file, and what its place or name says."""
+    """A picture file, with the person and the camera by its folder or name."""
 
     path: Path
     person: str | int
-    """A name; or `JUNK`, or `DISTRACTOR`."""
+    """Name of the person; or `JUNK`, or `DISTRACTOR`."""
     camera: str
 
 
@@ -140,16 +140,17 @@ class Listing:
 
 
 def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet:
-    """The data set of a listing: pictures that cannot be read and people with one picture to learn from are left out and
-    reported.
+    """Make the data set of a listing.
+
+    Pictures that cannot be read, and people with only one training picture, are left out and reported.
 
     Args:
-        name: of the data set; names of people and cameras begin with it.
-        path: what a message calls the set.
-        listing: its files.
-        tell: called with the number of pictures that were tried.
+        name: name of the data set; names of people and cameras begin with it.
+        path: path of the set, for messages.
+        listing: files of the set.
+        tell: called with the number of tested pictures.
 
-    Raises `InputError` where nothing to learn from and no person to search for is left, or no query has an answer.
+    Raises `InputError` if neither training pictures nor people to search for remain, or no query has a right picture.
     """
     notes = list(listing.notes)
     parts = _keep_readable([listing.train, listing.query, listing.gallery], notes, tell)
@@ -164,7 +165,7 @@ def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet
 
 
 def _keep_readable(parts: list[list[Listed]], notes: list[str], tell: Progress) -> list[list[Listed]]:
-    """The pictures that can be used."""
+    """Return the pictures that can be used, and add notes about the others."""
     rows = [row for part in parts for row in part]
     faults = faults_of_pictures([row.path for row in rows], tell)
     for fault in sorted(set(faults.values())):
@@ -183,7 +184,7 @@ _PLURAL = {"cannot be read": "cannot be read", "is too small": "are too small"}
 
 
 def drop_single(rows: list[Listed], notes: list[str]) -> list[Listed]:
-    """Without people with one picture: nothing about a person can be learnt from one."""
+    """Drop people with only one picture, from which a person cannot be learnt, and add a note."""
     count = Counter(row.person for row in rows)
     single = sorted(str(person) for person, n in count.items() if n < 2)
     if not single:
@@ -193,14 +194,14 @@ def drop_single(rows: list[Listed], notes: list[str]) -> list[Listed]:
 
 
 def _note_overlap(parts: list[list[Listed]], notes: list[str]) -> None:
-    """Tell of people to be searched for who are also learnt from."""
+    """Add a note about people of the query who are in the training too."""
     train, query = ({row.person for row in part} for part in parts[:2])
     both = sorted(str(person) for person in train & query)
     notes += describe_faults(both, f"{len(both)} people are in both train and query, so the scores are too good")
 
 
 def _number_people(parts: list[list[Listed]]) -> list[tuple[list[Listed], list[str], list[str]]]:
-    """Each part with the names of its people and cameras; query and gallery have them in common."""
+    """Return each part with the names of its people and cameras; query and gallery have the same names."""
     named = []
     for group in (parts[:1], parts[1:]):
         people = sorted({row.person for part in group for row in part if isinstance(row.person, str)})
@@ -225,7 +226,7 @@ def _crops(name: str, numbered: tuple[list[Listed], list[str], list[str]]) -> Cr
 
 
 def _check_answers(path: Path, query: CropSet, gallery: CropSet) -> None:
-    """Raise `InputError` unless some query has a right picture in the gallery."""
+    """Raise `InputError` if no query has a right picture in the gallery."""
     unknown = any(name.endswith(f"/{UNKNOWN_CAMERA}") for name in query.cameras)
     found = {(person, camera) for person, camera in zip(gallery.person.tolist(), gallery.camera.tolist(), strict=True)}
     cameras = set(range(len(query.cameras)))
@@ -242,7 +243,7 @@ def _ints(values: Sequence[int]) -> Ints:
 
 
 def picture_files(folder: Path) -> list[Path]:
-    """The picture files in a folder, by name; hidden ones are not looked at. Raises `InputError` where it cannot be listed."""
+    """Return the picture files in a folder, by name, without hidden ones. Raises `InputError` if it cannot be listed."""
     try:
         found = [path for path in folder.iterdir() if path.suffix.lower() in PICTURE_ENDINGS and not path.name.startswith(".")]
     except OSError as error:
@@ -251,7 +252,7 @@ def picture_files(folder: Path) -> list[Path]:
 
 
 def read_picture(path: Path) -> Picture:
-    """(H, W, 3) BGR. Raises `InputError` for a file that is no whole picture."""
+    """Read a picture (H, W, 3), BGR. Raises `InputError` for a file that is not a whole picture."""
     picture = decode_pictures(path)
     if picture is None:
         raise InputError(f"{path}: is not an image that can be read: copy it again, or delete it")
@@ -259,7 +260,7 @@ def read_picture(path: Path) -> Picture:
 
 
 def decode_pictures(path: Path) -> Picture | None:
-    """(H, W, 3) BGR; None for a file that cannot be read, is empty, cut off, or no picture."""
+    """Read a picture (H, W, 3), BGR; None for a file that cannot be read, is empty, truncated, or not a picture."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -268,13 +269,13 @@ def decode_pictures(path: Path) -> Picture | None:
         return None
     try:
         picture = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error:  # a size beyond OpenCV's bounds, among others
+    except cv2.error:  # for example a size beyond OpenCV's limits
         return None
     return None if picture is None or picture.size == 0 else np.asarray(picture, dtype=np.uint8)
 
 
 def faults_of_pictures(paths: Sequence[Path], tell: Progress = silent) -> dict[int, str]:
-    """Row -> what is wrong with the picture, of those that cannot be used; all are decoded, in threads."""
+    """Return row -> fault, for the pictures that cannot be used; all pictures are decoded, in threads."""
     faults: dict[int, str] = {}
     with ThreadPoolExecutor(THREADS) as pool:
         for start in range(0, len(paths), AT_ONCE):
@@ -286,7 +287,7 @@ def faults_of_pictures(paths: Sequence[Path], tell: Progress = silent) -> dict[i
 
 
 def describe_faults(files: Sequence[Path | str], what: str) -> list[str]:
-    """A note about faulty files: the first `NAMED` by name, then how many more; nothing where there are none."""
+    """Return a note about faulty files, with the names of the first `NAMED` and the number of others; empty without files."""
     if not files:
         return []
     more = f" and {len(files) - NAMED} more" if len(files) > NAMED else ""
@@ -294,16 +295,16 @@ def describe_faults(files: Sequence[Path | str], what: str) -> list[str]:
 
 
 def _fault(path: Path) -> str | None:
-    """What is wrong with a picture."""
+    """Return the fault of a picture; None if it can be used."""
     picture = decode_pictures(path)
     if picture is None:
         return "cannot be read"
-    # What is smaller tells nothing of anybody (`perception.crop_network.tellable`).
+    # A smaller picture does not show the appearance (`perception.crop_network.is_recognisable`).
     return "is too small" if picture.shape[1] < MIN_WIDTH_PX or picture.shape[0] < MIN_HEIGHT_PX else None
 
 
 def _is_cut_off(content: bytes) -> bool:
-    """Whether a JPEG or PNG lacks its end, behind which some cameras write more; decoders make grey of the rest and go on."""
+    """Return whether a JPEG or PNG lacks its end mark; decoders fill the rest grey. Some cameras write more behind the mark."""
     if content.startswith(b"\xff\xd8"):
         return b"\xff\xd9" not in content[-65536:]
     return content.startswith(b"\x89PNG") and b"IEND" not in content[-65536:]

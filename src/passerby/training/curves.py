@@ -1,4 +1,4 @@
-"""The record of a training: one row an epoch in log.csv, drawn in curves.html. No times: they differ every run."""
+"""The record of a training: one row per epoch in log.csv, drawn in curves.html. It has no times, which differ in each run."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ CURVES_FILE = "curves.html"
 
 @dataclass(frozen=True)
 class EpochRecord:
-    """What is known after an epoch: a row of the log."""
+    """The results of an epoch: a row of the log."""
 
     epoch: int
-    """Epochs done, from 1."""
+    """Number of finished epochs, from 1."""
     step: int
-    """Steps done since the training began."""
+    """Number of steps since the training began."""
     learning_rate: float
-    """Of the epoch's last step."""
+    """Learning rate of the epoch's last step."""
     loss: float
-    """The weighted sum of both losses; losses are means over the epoch."""
+    """Weighted sum of both losses; losses are means over the epoch."""
     identity_loss: float
-    """Without its weight."""
+    """Identity loss without its weight."""
     triplet_loss: float
-    """Without its weight."""
+    """Triplet loss without its weight."""
     rank_1: float | None = None
-    """Share of the searches whose first find is right, 0 to 1; None where the epoch was not validated."""
+    """Share of the searches whose first result is right, 0 to 1; None if the epoch was not validated."""
     map: float | None = None
-    """Mean average precision, 0 to 1; None likewise."""
+    """Mean average precision, 0 to 1; None if the epoch was not validated."""
 
 
 COLUMNS = tuple(field.name for field in fields(EpochRecord))
@@ -47,16 +47,16 @@ MAY_BE_EMPTY = ("rank_1", "map")
 
 
 class TrainingLog:
-    """`log.csv` in the folder of a run. A process that is killed leaves it with all rows but perhaps the last."""
+    """`log.csv` in the folder of a run. After a killed process, only the last row may be missing."""
 
     def __init__(self, folder: Path) -> None:
-        """Of the run in `folder`; the file need not exist yet."""
+        """Set up the log of the run in `folder`; the file need not exist yet."""
         self.path = folder / LOG_FILE
 
     def rows(self) -> tuple[EpochRecord, ...]:
-        """All rows, the first epoch first; none where there is no file.
+        """Read all rows, the first epoch first; empty if there is no file.
 
-        Raises `InputError` for a file that is no such log.
+        Raises `InputError` for a file that is not such a log.
         """
         if not self.path.exists():
             return ()
@@ -75,7 +75,7 @@ class TrainingLog:
     def append(self, row: EpochRecord) -> None:
         """Add the row of an epoch. The file is replaced as a whole.
 
-        Raises `InputError` where the epoch is not after the last one, the file is no such log, or it cannot be written.
+        Raises `InputError` if the epoch is not after the last one, the file is not such a log, or it cannot be written.
         """
         rows = self.rows()
         if rows and row.epoch <= rows[-1].epoch:
@@ -85,9 +85,9 @@ class TrainingLog:
         self._write([*rows, row])
 
     def truncate_after(self, epoch: int) -> None:
-        """Drop the rows after an epoch: those of a training that was killed before it could keep what it had learnt.
+        """Drop the rows after an epoch, if a training was killed before it wrote its checkpoint.
 
-        Raises `InputError` where the file is no such log, or cannot be written.
+        Raises `InputError` if the file is not such a log, or cannot be written.
         """
         rows = self.rows()
         kept = [row for row in rows if row.epoch <= epoch]
@@ -95,7 +95,7 @@ class TrainingLog:
             self._write(kept)
 
     def _write(self, rows: Iterable[EpochRecord]) -> None:
-        """All rows; a number is written with the digits that it takes to read the same one back."""
+        """Write all rows; a number has as many digits as necessary to read the same number back."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -104,7 +104,7 @@ class TrainingLog:
         write_text(self.path, text.getvalue())
 
     def _row(self, texts: Sequence[str], line: int) -> EpochRecord:
-        """The row of a line's texts. Raises `InputError` where they are none."""
+        """Convert the texts of a line to a row. Raises `InputError` for any other line."""
         if len(texts) != len(COLUMNS):
             raise self._fault(line, f"{len(texts)} values instead of {len(COLUMNS)}")
         values: dict[str, Any] = {}
@@ -122,7 +122,7 @@ class TrainingLog:
 
 
 def _text(name: str, value: float | None) -> str:
-    """A value as the log has it; numpy's numbers as Python's."""
+    """Return a value as text for the log; numpy's numbers are written as Python's."""
     if value is None:
         return ""
     return str(int(value)) if name in WHOLE else repr(float(value))
@@ -130,7 +130,7 @@ def _text(name: str, value: float | None) -> str:
 
 @dataclass(frozen=True)
 class _Curve:
-    """One line of a picture."""
+    """One line of a panel."""
 
     column: str
     name: str
@@ -138,7 +138,7 @@ class _Curve:
     dash: str
 
 
-# Distinguishable for people who see no red or no green (after Okabe and Ito 2008), and by dashes; 3 : 1 against white
+# Distinguishable for people who see no red or no green (after Okabe and Ito 2008), and by dashes; contrast 3 : 1 against white
 # and black.
 _BLUE, _RED, _GREEN = "#3B82C4", "#D55E00", "#009E73"
 PANELS: tuple[tuple[str, str, tuple[_Curve, ...]], ...] = (
@@ -193,9 +193,9 @@ p {{ margin: 0.3rem 0; }}
 
 
 def write_curves(log: TrainingLog, path: Path) -> None:
-    """Draw a log: losses, rank-1 and mAP, learning rate over the epochs, on one page that opens without a network.
+    """Draw a log: losses, rank-1 and mAP, learning rate over the epochs, on one page that needs no network connection.
 
-    The same log gives the same bytes. Raises `InputError` where the log is none, or the page cannot be written.
+    The same log gives the same bytes. Raises `InputError` if the log is not valid, or the page cannot be written.
     """
     rows = log.rows()
     panels = []
@@ -205,7 +205,7 @@ def write_curves(log: TrainingLog, path: Path) -> None:
 
 
 def _summary(rows: Sequence[EpochRecord]) -> str:
-    """Where the training stands, in a sentence or two."""
+    """Return the state of the training in one or two sentences."""
     if not rows:
         return "No epoch is finished yet."
     told = f"After epoch {rows[-1].epoch}, {rows[-1].step} steps: loss {rows[-1].loss:.4g}."
@@ -217,14 +217,14 @@ def _summary(rows: Sequence[EpochRecord]) -> str:
 
 
 def _draw_panel(rows: Sequence[EpochRecord], number: int, unit: str, curves: Sequence[_Curve]) -> str:
-    """One panel as HTML; the first brings plotly's script with it, 5 MB."""
+    """Draw one panel as HTML; the first one includes plotly's script, 5 MB."""
     from plotly import graph_objects
     from plotly.io import to_html
 
     figure = graph_objects.Figure()
     for curve in curves:
         points = [(row.epoch, getattr(row, curve.column)) for row in rows if getattr(row, curve.column) is not None]
-        # A curve of few points, as of the validations, shows where they are.
+        # A curve with few points, as of the validations, has markers.
         mode = "lines+markers" if len(points) <= 40 else "lines"
         figure.add_scatter(
             x=[epoch for epoch, _ in points],

@@ -1,6 +1,6 @@
-"""How well an embedder tells people apart in a set of pictures; needs no PyTorch.
+"""Scores of an embedder that distinguishes people in a set of pictures; needs no PyTorch.
 
-Anything that follows perception's `Embedder` will do: an ONNX file, or the stripes.
+The embedder can be any implementation of perception's `Embedder`: an ONNX file, or the stripes.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from passerby.perception.pictures import Embedder, Picture
 from passerby.training.crops import UNKNOWN_CAMERA, CropSet, DataSet, read_picture
 
 Embed = Callable[[CropSet], Vectors]
-"""(N, D) vectors of a set's pictures."""
+"""Function that returns the vectors (N, D) of a set's pictures."""
 
 STAGE = "embedding"
 TOLD_EVERY = 64
-"""Pictures."""
+"""Number of pictures between two reports of progress."""
 NOTHING = 1e-6
 """A vector shorter than this has no direction."""
 
 
 def make_full_box(picture: Picture) -> Floats:
-    """(1, 4) the box that holds a picture exactly as `perception.crop_network.stretched` rounds.
+    """Return the box (1, 4) that is exactly the whole picture after the rounding of `perception.crop_network.stretch_crop`.
 
-    By the house's coordinates a picture begins half a pixel before (0, 0); but half a pixel rounds to the even number beside
-    it, so that box would lose the last column of every picture whose width is odd.
+    In this package's coordinates a picture begins half a pixel before (0, 0). But half a pixel is rounded to the next even
+    number, so a box from there would lose the last column of each picture with an odd width.
     """
     height, width = picture.shape[:2]
     return np.array([[0.0, 0.0, width, height]])
 
 
 def embed_crops(crops: CropSet, embedder: Embedder, tell: Progress = silent) -> Vectors:
-    """(N, D) unit vectors of a set's pictures, each taken whole; zeros if nothing is known of one.
+    """Compute unit vectors (N, D) of a set's whole pictures; zeros for a picture without a result.
 
     Raises `InputError` for a picture that cannot be read.
     """
@@ -61,16 +61,16 @@ def score_crops(
     centred: bool = False,
     ranks: Sequence[int] = RANKS,
 ) -> RetrievalScore:
-    """CMC and mAP by the Market-1501 protocol (see `evaluation.retrieval`) and the cosine distance.
+    """Compute CMC and mAP by the Market-1501 protocol (see `evaluation.retrieval`) and the cosine distance.
 
     Args:
-        query: whom to search for, Q pictures.
-        gallery: among whom, G pictures; people and cameras are matched by name. Where a set's cameras are unknown, no two
-            pictures count as of the same one.
-        query_vectors: (Q, D).
-        gallery_vectors: (G, D).
-        centred: each camera's mean, over its pictures in both, is taken off first, as association does with the tracklets of
-            a camera (`association.appearance.without_camera_bias`).
+        query: Q pictures of people to search for.
+        gallery: G pictures that are searched; people and cameras are matched by name. If a set's cameras are unknown, no two
+            pictures count as of the same camera.
+        query_vectors: (Q, D) vectors.
+        gallery_vectors: (G, D) vectors.
+        centred: first subtract each camera's mean, over its pictures in both, as association does with the tracklets of a
+            camera (`association.appearance.without_camera_bias`).
         ranks: the k of rank-k.
 
     Raises `InputError` as `retrieval_score`, and for vectors that do not fit the pictures.
@@ -90,13 +90,13 @@ def score_crops(
 
 
 def leave_one_out(crops: CropSet, vectors: Vectors, centred: bool = False, ranks: Sequence[int] = RANKS) -> RetrievalScore:
-    """CMC and mAP where every picture of a person searches all pictures of the other cameras.
+    """Compute CMC and mAP if each picture of a person searches all pictures of the other cameras.
 
-    With one camera, or where the cameras are unknown, it searches all pictures but itself.
+    With one camera, or with unknown cameras, it searches all other pictures.
 
     Args:
-        crops: N pictures; people who may be the same person (`CropSet.apart`) counts neither as right nor as wrong.
-        vectors: (N, D).
+        crops: N pictures; people who may be the same person (`CropSet.apart`) count neither as right nor as wrong.
+        vectors: (N, D) vectors.
         centred: as in `score_crops`.
         ranks: the k of rank-k.
 
@@ -105,7 +105,7 @@ def leave_one_out(crops: CropSet, vectors: Vectors, centred: bool = False, ranks
     person, camera, known = _number_alike(crops, CropSet())
     unit = _directions(crops, CropSet(), vectors, vectors[:0], camera, centred)
     if not known.all() or len(np.unique(camera)) < 2:
-        camera = np.arange(len(crops))  # each as if by a camera of its own, so that only itself is passed over
+        camera = np.arange(len(crops))  # a separate camera for each picture, so that only the picture itself is ignored
     rows = np.flatnonzero(person >= 0)
     return retrieval_score(
         _cosine(unit[rows], unit), person[rows], camera[rows], person, camera, ranks, across=True, apart=crops.apart
@@ -113,9 +113,9 @@ def leave_one_out(crops: CropSet, vectors: Vectors, centred: bool = False, ranks
 
 
 def score_data(data: DataSet, embed: Embed, centred: bool = False, ranks: Sequence[int] = RANKS) -> RetrievalScore:
-    """The score of a data set: of its query in its gallery, or of its people to learn from by `leave_one_out`.
+    """Compute the score of a data set: of its query in its gallery, or of its training people by `leave_one_out`.
 
-    Raises `InputError` as these do.
+    Raises `InputError` as `score_crops` and `leave_one_out`.
     """
     if len(data.query):
         return score_crops(data.query, data.gallery, embed(data.query), embed(data.gallery), centred, ranks)
@@ -123,13 +123,13 @@ def score_data(data: DataSet, embed: Embed, centred: bool = False, ranks: Sequen
 
 
 def _number_alike(query: CropSet, gallery: CropSet) -> tuple[Ints, Ints, NDArray[np.bool_]]:
-    """Of query and then gallery (Q + G,): people and cameras, numbered alike, and whether the camera is known."""
+    """Return people and cameras of query and gallery, (Q + G,) each, with common numbers, and whether the camera is known."""
     people = {name: row for row, name in enumerate(dict.fromkeys((*query.people, *gallery.people)))}
     cameras = {name: row for row, name in enumerate(dict.fromkeys((*query.cameras, *gallery.cameras)))}
     person, camera = [], []
     for crops in (query, gallery):
         rows = np.array([*(people[name] for name in crops.people), -2, -1], dtype=np.int64)
-        person.append(rows[crops.person])  # -1 and -2 stay what they are
+        person.append(rows[crops.person])  # -1 and -2 do not change
         camera.append(np.array([cameras[name] for name in crops.cameras], dtype=np.int64)[crops.camera])
     known = np.array([not name.endswith(f"/{UNKNOWN_CAMERA}") for name in cameras], dtype=np.bool_)
     every = np.concatenate(camera)
@@ -137,7 +137,7 @@ def _number_alike(query: CropSet, gallery: CropSet) -> tuple[Ints, Ints, NDArray
 
 
 def _find_distinct(query: CropSet, gallery: CropSet) -> NDArray[np.bool_] | None:
-    """(P, P) who are known to be two, numbered as by `_common`; None where all are."""
+    """Return whether two people, numbered as by `_number_alike`, are known to be different, (P, P); None if all are."""
     if query.apart is None and gallery.apart is None:
         return None
     people = {name: row for row, name in enumerate(dict.fromkeys((*query.people, *gallery.people)))}
@@ -152,7 +152,7 @@ def _find_distinct(query: CropSet, gallery: CropSet) -> NDArray[np.bool_] | None
 def _directions(
     query: CropSet, gallery: CropSet, query_vectors: Vectors, gallery_vectors: Vectors, camera: Ints, centred: bool
 ) -> Vectors:
-    """(Q + G, D) unit vectors, zeros where nothing is known; on request less their camera's mean."""
+    """Return unit vectors (Q + G, D), on request after subtraction of their camera's mean; zero vectors stay zero."""
     for crops, vectors in ((query, query_vectors), (gallery, gallery_vectors)):
         if np.ndim(vectors) != 2 or len(vectors) != len(crops) or vectors.shape[1] != query_vectors.shape[1]:
             shapes = f"{np.shape(query_vectors)} and {np.shape(gallery_vectors)}"
@@ -168,12 +168,12 @@ def _directions(
 
 
 def _unit(vectors: Vectors) -> Vectors:
-    """(N, D) float32 of length one; what is next to nothing becomes zero."""
+    """Scale vectors (N, D) to length one, float32; vectors shorter than `NOTHING` become zero."""
     given = np.asarray(vectors, dtype=np.float64)
     length = np.linalg.norm(given, axis=1, keepdims=True)
     return np.where(length > NOTHING, given / np.maximum(length, NOTHING), 0.0).astype(np.float32)
 
 
 def _cosine(query: Vectors, gallery: Vectors) -> Callable[[int, int], Vectors]:
-    """Gives rows of the cosine distances (Q, G), so that all of them need not be in memory."""
+    """Return a function that computes rows of the cosine distances (Q, G), so that not all of them need be in memory."""
     return lambda low, high: np.asarray(1.0 - query[low:high] @ gallery.T, dtype=np.float32)

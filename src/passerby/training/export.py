@@ -1,4 +1,4 @@
-"""A trained network as one ONNX file that the perception stage opens as any other, compared with PyTorch before it is kept."""
+"""Export of a trained network to one ONNX file for the perception stage; it is compared with PyTorch before it is written."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ from passerby.training.options import TrainOptions
 from passerby.training.pictures import make_batch, normalise_pictures
 
 ORIGIN = "trained."
-"""How the metadata begin that tell where a network comes from; nothing reads them but people."""
+"""Prefix of the metadata about the source of a network; only people read them."""
 
-# Sums of float32 in another order: 8e-7 measured on a trained `small`. More than this is a network exported wrongly.
+# Sums of float32 in another order: 8e-7 measured on a trained `small`. A larger difference than this is a wrong export.
 MAX_DIFFERENCE = 1e-3
-# Cosine distances that are nearer to each other than this are a tie: rounding alone decides which comes first.
+# Cosine distances that differ by less are a tie: only rounding determines their order.
 TIE = 1e-5
-# What protobuf, and so one ONNX file, can hold.
+# Maximum size of protobuf, and so of one ONNX file, bytes.
 LARGEST_FILE = 2**31 - 1
-# A batch that is full and one that is not.
+# One full batch and one that is not full.
 RANDOM_PICTURES = BATCH + 3
 SEED = 0
 
@@ -51,48 +51,48 @@ View = tuple[Picture, Floats]
 
 @dataclass(frozen=True)
 class ExportAgreement:
-    """How far two runs of a network on the same N pictures are apart, in unit vectors."""
+    """Differences between two runs of a network on the same N pictures, in unit vectors."""
 
     pictures: int
     largest_difference: float
-    """Of any number of any vector."""
+    """Largest difference of any number of any vector."""
     worst_cosine: float
-    """Of a picture's two vectors."""
+    """Smallest cosine between a picture's two vectors."""
     largest_swap: float
-    """The most by which the cosine distances, in PyTorch, of two pictures to a third differ that ONNX Runtime ranks the other
-    way round; 0 where all rankings are the same."""
+    """For pairs of pictures that ONNX Runtime ranks in the other order: the largest difference of their cosine distances to a
+    third picture in PyTorch; 0 if all rankings are the same."""
 
     @property
     def same_ranking(self) -> bool:
-        """Whether each picture finds the others in the same order, ties (`TIE`) aside."""
+        """Whether each picture ranks the others in the same order, except for ties (`TIE`)."""
         return self.largest_swap <= TIE
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the differences as plain values."""
         return {**asdict(self), "same_ranking": self.same_ranking}
 
 
 @dataclass(frozen=True)
 class ExportReport:
-    """What was written, and how well it agrees with PyTorch."""
+    """The written file, and its agreement with PyTorch."""
 
     path: Path
     bytes: int
     sha256: str
-    """Of the file, in hex."""
+    """Digest of the file, hexadecimal."""
     opset: int
-    """Of ONNX."""
+    """Version of ONNX's operators."""
     dimensions: int
     """Length of a vector."""
     random: ExportAgreement
-    """On pictures of noise."""
+    """Agreement on pictures of noise."""
     real: ExportAgreement | None
-    """On the given pictures; None where there were none."""
+    """Agreement on the given pictures; None if there were none."""
     too_small: int = 0
-    """Given pictures that are too small for any embedder to tell something from them; they were left out."""
+    """Number of given pictures that were left out because they are too small for any embedder."""
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the report as plain values."""
         return {
             "path": str(self.path),
             "bytes": self.bytes,
@@ -106,14 +106,14 @@ class ExportReport:
 
 
 class _Embedding(nn.Module):
-    """What is exported: pictures in, embeddings out, the classifier left behind."""
+    """The exported part of the network, from pictures to embeddings, without the classifier."""
 
     def __init__(self, network: ReidNetwork) -> None:
         super().__init__()
         self.network = network
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """(N, C) from (N, 3, H, W)."""
+        """Compute embeddings (N, C) of pictures (N, 3, H, W)."""
         return self.network.embed(pictures)
 
 
@@ -127,18 +127,18 @@ def export_network(
 ) -> ExportReport:
     """Write a network to one ONNX file: (N, 3, height, width) of float32, RGB as ImageNet's, to embeddings (N, C), for any N.
 
-    The same network gives the same bytes. Its preprocessing stands in the metadata. Before the file is kept, it is opened and
-    run as the perception stage does it, and compared with PyTorch.
+    The same network gives the same bytes. The metadata state its preprocessing. Before the file is written, it is opened and
+    run as in the perception stage, and compared with PyTorch.
 
     Args:
-        network: as trained; it is not changed.
-        options: of its training.
-        path: of the ONNX file; written as a whole or not at all.
-        pictures: real crops of people, BGR, of any sizes, to compare on; else only noise.
-        origin: what else to note in the file, as `trained.KEY`.
+        network: the trained network; it is not changed.
+        options: options of its training.
+        path: path of the ONNX file; it is written as a whole or not at all.
+        pictures: real crops of people, BGR, of any sizes, for the comparison; None: only noise is compared.
+        origin: further entries for the metadata, as `trained.KEY`.
 
-    Raises `InputError` where the backbone cannot be exported, the network gives numbers that are not finite, the two runs
-    differ by more than `MAX_DIFFERENCE`, or the file cannot be written; nothing is written then.
+    Raises `InputError` if the backbone cannot be exported, the network gives numbers that are not finite, the two runs differ
+    by more than `MAX_DIFFERENCE`, or the file cannot be written; then nothing is written.
     """
     exported = copy.deepcopy(network).to("cpu", torch.float32).eval()
     given = [(picture, _make_full_box(picture)) for picture in pictures or ()]
@@ -166,9 +166,9 @@ def export_network(
 
 
 def torch_vectors(network: ReidNetwork, size: tuple[int, int], views: Sequence[View]) -> Vectors:
-    """(N, C) unit vectors of all boxes, by PyTorch, as `ReidEmbedder` has them; `size` is width and height of the input.
+    """Compute unit vectors (N, C) of all boxes by PyTorch, like `ReidEmbedder`; `size` is width and height of the input.
 
-    The network must be in evaluation mode. Raises `InputError` where it gives numbers that are not finite.
+    The network must be in evaluation mode. Raises `InputError` if it gives numbers that are not finite.
     """
     device = next(network.parameters()).device
     crops = [stretch_crop(picture, box, size) for picture, boxes in views for box in boxes]
@@ -186,12 +186,12 @@ def torch_vectors(network: ReidNetwork, size: tuple[int, int], views: Sequence[V
 
 
 def compare_outputs(reference: Vectors, found: Vectors) -> ExportAgreement:
-    """How far unit vectors (N, D) are from the reference ones (N, D) of the same N pictures; N at least 1."""
+    """Compare unit vectors (N, D) with the reference ones (N, D) of the same N pictures; N is at least 1."""
     a, b = reference.astype(np.float64), found.astype(np.float64)
     largest_swap = 0.0
     for row in range(len(a)):
         distance, order = 1.0 - a @ a[row], np.argsort(1.0 - b @ b[row], kind="stable")
-        # In the order found, a distance may lie below one before it: by so much the two stand the wrong way round.
+        # In the order of `found`, a distance may be smaller than an earlier one: the difference measures the wrong order.
         ranked = distance[order]
         largest_swap = max(largest_swap, float((np.maximum.accumulate(ranked) - ranked).max()))
     cosine = float((a * b).sum(axis=1).min())
@@ -199,9 +199,9 @@ def compare_outputs(reference: Vectors, found: Vectors) -> ExportAgreement:
 
 
 def _compare_outputs(expected: Vectors, embedder: ReidEmbedder, views: Sequence[View], place: str) -> ExportAgreement:
-    """The agreement of what PyTorch gave with what the file gives; raises `InputError` where there is none.
+    """Compare the vectors of PyTorch with those of the file. Raises `InputError` if they differ by too much.
 
-    `place` begins the error: which network, on what.
+    `place` is the beginning of the message: the network and the pictures.
     """
     result = compare_outputs(expected, np.concatenate([embedder(picture, boxes) for picture, boxes in views]))
     if result.largest_difference > MAX_DIFFERENCE:
@@ -213,13 +213,13 @@ def _compare_outputs(expected: Vectors, embedder: ReidEmbedder, views: Sequence[
 
 
 def _make_full_box(picture: Picture) -> Floats:
-    """(1, 4) the box that is all of a picture."""
+    """Return the box (1, 4) of the whole picture."""
     height, width = picture.shape[:2]
     return np.array([[0.0, 0.0, width, height]])
 
 
 def _noise(options: TrainOptions) -> list[View]:
-    """One picture with `RANDOM_PICTURES` boxes side by side, each of a few coloured patches and grain, at the input's size."""
+    """Return one picture with `RANDOM_PICTURES` boxes side by side, of the input's size, with coloured patches and noise."""
     rng = np.random.default_rng(SEED)
     width, height = max(options.width, 8), max(options.height, 16)
     crops = []
@@ -231,14 +231,14 @@ def _noise(options: TrainOptions) -> list[View]:
 
 
 def _convert_to_onnx(network: ReidNetwork, options: TrainOptions) -> ModelProto:
-    """The network in ONNX, without a word of the machine it was made on. Raises `InputError` where it cannot be had."""
+    """Convert the network to ONNX, without information about this machine. Raises `InputError` if it cannot be exported."""
     size = 4 * sum(weights.numel() for weights in network.backbone.parameters())
     if size > LARGEST_FILE:
         raise InputError(
             f"backbone {options.backbone}: its weights take {size / 1e9:.1f} GB, one ONNX file holds "
             f"{LARGEST_FILE / 1e9:.1f} GB: train with a smaller backbone"
         )
-    example = torch.zeros(2, 3, options.height, options.width)  # a batch of 1 would be taken for a constant
+    example = torch.zeros(2, 3, options.height, options.width)  # the exporter would treat a batch of 1 as a constant
     try:
         with _silence_exporter():
             program = torch.onnx.export(
@@ -252,7 +252,7 @@ def _convert_to_onnx(network: ReidNetwork, options: TrainOptions) -> ModelProto:
             )
             assert program is not None
             model: ModelProto = program.model_proto
-    except Exception as error:  # of many libraries, without a common base
+    except Exception as error:  # many libraries, whose exceptions have no common base
         raise InputError(
             f"backbone {options.backbone}: cannot be exported to ONNX ({_reason(error)}): train with another backbone"
         ) from error
@@ -267,7 +267,7 @@ def _convert_to_onnx(network: ReidNetwork, options: TrainOptions) -> ModelProto:
 
 
 def _forget_machine(graph: GraphProto) -> None:
-    """Drop from a graph the notes that PyTorch leaves: stack traces with the paths of this machine, names of modules."""
+    """Remove PyTorch's notes from a graph: stack traces with the paths of this machine, names of modules."""
     graph.name = "passerby"
     for things in (graph.node, graph.input, graph.output, graph.value_info, graph.initializer):
         for thing in things:
@@ -282,7 +282,7 @@ def _forget_machine(graph: GraphProto) -> None:
 
 
 def _describe(model: ModelProto, origin: Mapping[str, str]) -> None:
-    """Write into the file its input conventions, and where it comes from; `repr` of a float is read back as the same float."""
+    """Add the input conventions and the source to the metadata; `repr` of a float is read back as the same float."""
     told = {
         "role": "embedder",
         "output": "embedding",
@@ -299,7 +299,7 @@ def _describe(model: ModelProto, origin: Mapping[str, str]) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """The heart of what PyTorch says, in one line: its last part, without colours, advice and stack traces."""
+    """Return the last part of PyTorch's message in one line, without colours, advice and stack traces."""
     text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
     summary = text.rsplit("## Exception summary", 1)[-1].split("(Refer to the full stack trace", 1)[0]
     return " ".join(summary.split())[:200] or type(error).__name__
@@ -307,7 +307,7 @@ def _reason(error: BaseException) -> str:
 
 @contextmanager
 def _silence_exporter() -> Iterator[None]:
-    """Without the exporter's advice to its own developers, such as that torchvision is missing; its errors still come."""
+    """Silence the exporter's warnings, which are for its developers, such as a missing torchvision; errors are still raised."""
     loggers = [logging.getLogger(name) for name in ("torch.onnx", "torch.onnx._internal.exporter._registration", "onnxscript")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

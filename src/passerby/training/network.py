@@ -1,9 +1,9 @@
-"""The re-identification network: backbones by name, pooling, neck, classifier, and the losses it learns by.
+"""The re-identification network: backbones by name, pooling, neck, classifier, and the losses of its training.
 
 Identity loss: cross entropy over the training people, with label smoothing (Szegedy et al., CVPR 2016). Triplet loss:
 max(0, margin + |f - f_positive| - |f - f_negative|), mean over the pictures of a batch, with the hardest positive and the
 hardest negative of each (Hermans, Beyer, Leibe, *In Defense of the Triplet Loss for Person Re-Identification*, 2017).
-Together they are those of Xu et al., CVPR 2021, section 3.1.
+Xu et al., CVPR 2021, section 3.1, use both.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ RESNETS: dict[str, tuple[str, tuple[int, ...], int, int]] = {
     "resnet-101": (BOTTLENECK, (3, 4, 23, 3), 64, 256),
     "resnet-152": (BOTTLENECK, (3, 8, 36, 3), 64, 256),
 }
-"""Layers, their numbers in the four stages, channels of the stem and of the first stage, which each further stage doubles."""
+"""Kind of layers, their numbers in the four stages, channels of the stem and of the first stage; each further stage doubles
+them."""
 UNPUBLISHED = ("small",)
 PUBLISHER = "microsoft"
 HUB_TIMEOUT_S = 3.0
@@ -47,25 +48,25 @@ HUB_TIMEOUT_S = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What the network says of N pictures."""
+    """Output of the network for N pictures."""
 
     pooled: Tensor
-    """(N, C) what the triplet loss compares."""
+    """(N, C) features that the triplet loss compares."""
     embedding: Tensor
-    """(N, C) what people are found by: the neck's feature, or the pooled one without a neck."""
+    """(N, C) features for retrieval: those of the neck, or the pooled ones without a neck."""
     logits: Tensor
-    """(N, P) of the training people."""
+    """(N, P) logits of the training people."""
 
 
 class ReidNetwork(nn.Module):
-    """Pictures (N, 3, H, W), RGB normalised as ImageNet's, to `Answers`."""
+    """The network from pictures (N, 3, H, W), RGB normalised as ImageNet's, to `Answers`."""
 
     def __init__(self, backbone: Backbone, people: int, options: TrainOptions) -> None:
         super().__init__()
         self.backbone = backbone.network
         self.channels = backbone.channels
         self.power = nn.Parameter(torch.tensor(3.0)) if options.pooling == "gem" else None
-        # Luo et al. 2019: its shift is held at 0, so that the classifier's boundaries pass through the origin, as cosines do.
+        # Luo et al. 2019: the shift is fixed at 0; the classifier's boundaries then pass through the origin, as with cosines.
         self.neck: nn.Module = nn.BatchNorm1d(backbone.channels) if options.neck else nn.Identity()
         if isinstance(self.neck, nn.BatchNorm1d):
             self.neck.bias.requires_grad_(False)
@@ -73,27 +74,27 @@ class ReidNetwork(nn.Module):
         nn.init.normal_(self.classifier.weight, std=0.001)
 
     def forward(self, pictures: Tensor) -> Answers:
-        """`Answers` to pictures (N, 3, H, W)."""
+        """Compute the `Answers` to pictures (N, 3, H, W)."""
         pooled = self.pooled(pictures)
         embedding = self.neck(pooled)
         return Answers(pooled, embedding, self.classifier(embedding))
 
     def pooled(self, pictures: Tensor) -> Tensor:
-        """(N, C) the last feature map's mean over the picture, plain or generalised: (mean x^p)^(1/p) with p learnt."""
+        """Compute the mean (N, C) of the last feature map, plain or generalised: (mean x^p)^(1/p) with a trained p."""
         features = feature_map(self.backbone(pictures))
         if self.power is None:
             return features.mean(dim=(2, 3))
         return features.clamp(min=1e-6).pow(self.power).mean(dim=(2, 3)).pow(1.0 / self.power)
 
     def embed(self, pictures: Tensor) -> Tensor:
-        """(N, C) embeddings alone, of any length."""
+        """Compute only the embeddings (N, C), of any length."""
         found: Tensor = self.neck(self.pooled(pictures))
         return found
 
 
 @dataclass(frozen=True, eq=False)
 class Loss:
-    """The loss of one batch, and its parts before they are weighted."""
+    """The loss of one batch, and its parts without weights."""
 
     total: Tensor
     identity: Tensor
@@ -106,8 +107,9 @@ class ReidLoss(nn.Module):
     unknown: Tensor | None
 
     def __init__(self, options: TrainOptions, apart: Tensor | None = None) -> None:
-        """`apart`: (P, P) who are known to be two; None: all are. Who may be the same person is no wrong answer to the
-        other.
+        """Set up. `apart`: (P, P) whether two people are known to be different; None: all are.
+
+        For a person, the classes of people who may be the same person are left out of the identity loss.
         """
         super().__init__()
         self._weights = options.identity_weight, options.triplet_weight
@@ -119,7 +121,7 @@ class ReidLoss(nn.Module):
         self.register_buffer("unknown", unknown, persistent=False)
 
     def forward(self, answers: Answers, person: Tensor) -> Loss:
-        """The loss of N answers to pictures of the people (N,)."""
+        """Compute the loss of N answers to pictures of the people (N,)."""
         identity = identity_loss(answers.logits, person, self._smoothing, self.unknown)
         pooled = answers.pooled.float()
         triplet: Tensor = self._triplet(pooled, person, self._miner(pooled, person))
@@ -128,13 +130,13 @@ class ReidLoss(nn.Module):
 
 
 def identity_loss(logits: Tensor, person: Tensor, smoothing: float, unknown: Tensor | None = None) -> Tensor:
-    """Cross entropy with label smoothing, over those who are known not to be the person, and the person.
+    """Compute the cross entropy with label smoothing over the person and all people who are known to be different.
 
     Args:
-        logits: (N, P).
+        logits: (N, P) logits.
         person: (N,) rows of the P people.
-        smoothing: share of the target that is spread evenly over all who count.
-        unknown: (P, P) who may be the same person under another name: such a class is left out of the sum.
+        smoothing: share of the target that is spread evenly over all classes that are used.
+        unknown: (P, P) whether two may be the same person under two names: such a class is left out of the sum.
     """
     if unknown is None:
         return functional.cross_entropy(logits.float(), person, label_smoothing=smoothing)
@@ -148,28 +150,28 @@ def identity_loss(logits: Tensor, person: Tensor, smoothing: float, unknown: Ten
 
 @dataclass(frozen=True, eq=False)
 class Backbone:
-    """A network (N, 3, H, W) -> a map of features, and where its weights came from."""
+    """A network from pictures (N, 3, H, W) to a feature map, and the source of its weights."""
 
     network: nn.Module
     channels: int
     published: bool
-    """Whether it carries published weights, not random ones."""
+    """Whether it has published weights, not random ones."""
     note: str
-    """What to tell of the weights."""
+    """Note for the user about the weights."""
 
 
 def open_backbone(name: str, size: tuple[int, int], weights: str = "auto", last_stride: int = 1) -> Backbone:
-    """A backbone by its name.
+    """Open a backbone by its name.
 
     Args:
         name: one of `RESNETS`; or a model of `transformers`: its type (convnextv2), its name on the hub (owner/name) or a
             folder that holds one.
         size: height and width of the pictures, pixels.
-        weights: auto, published or random. `auto` takes the published ones where they lie on this computer or can be fetched.
-        last_stride: of a ResNet's last stage; 1 instead of 2 doubles the resolution.
+        weights: auto, published or random. `auto` uses published weights if they are on this computer or can be fetched.
+        last_stride: stride of a ResNet's last stage; 1 instead of 2 doubles the resolution.
 
-    Raises `InputError` for a name that does not exist, published weights that cannot be had but are demanded, and a network
-    that makes no map of features from such pictures.
+    Raises `InputError` for a name that does not exist, for required published weights that are not available, and for a
+    network that gives no feature map for such pictures.
     """
     network, published, note = _make_network(name, weights)
     if last_stride == 1:
@@ -178,7 +180,7 @@ def open_backbone(name: str, size: tuple[int, int], weights: str = "auto", last_
 
 
 def make_kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int], last_stride: int) -> Backbone:
-    """The backbone of a checkpoint, which knows its architecture: its weights are yet to be loaded."""
+    """Make the backbone of a checkpoint by its stored architecture; its weights still have to be loaded."""
     known = dict(configuration)
     with _silence_warnings():
         config = AutoConfig.for_model(known.pop("model_type"), **known)
@@ -189,7 +191,7 @@ def make_kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int
 
 
 def _make_network(name: str, weights: str) -> tuple[nn.Module, bool, str]:
-    """The network, whether its weights are published ones, and what to tell of them."""
+    """Return the network, whether its weights are published ones, and a note about them."""
     source = _source(name)
     title = Path(name).name if source == name and Path(name).is_dir() else name
     if weights != "random" and source is not None:
@@ -209,13 +211,13 @@ def _make_network(name: str, weights: str) -> tuple[nn.Module, bool, str]:
 
 
 UNAVAILABLE = (OSError, ValueError, ImportError)
-"""What the library raises where something is not there, is not known, or needs a package that is not installed."""
+"""Exceptions of the library for a model that is missing, is unknown, or needs a package that is not installed."""
 
 
 def had(load: Callable[..., Any], source: str) -> Any:
-    """What lies on this computer, else what the hub has. Raises one of `UNAVAILABLE`.
+    """Load a model from this computer, or otherwise from the hub. Raises one of `UNAVAILABLE`.
 
-    The library tries five times in 23 s where there is no network; one question beforehand is answered at once.
+    Without a network connection the library makes five attempts in 23 s; a single request beforehand fails at once.
     """
     with _silence_warnings():
         try:
@@ -225,14 +227,14 @@ def had(load: Callable[..., Any], source: str) -> Any:
                 raise
         try:
             get_hf_file_metadata(hf_hub_url(source, "config.json"), timeout=HUB_TIMEOUT_S)
-        except Exception as error:  # an HTTP library's own, which differs between its versions
+        except Exception as error:  # exceptions of the HTTP library, which differ between versions
             raise OSError(f"the hub cannot be queried for {source}: {error}") from error
         return load(source)
 
 
 def _source(name: str) -> str | None:
-    """Where published weights of a backbone lie: a folder, or a name on the hub; None: nowhere that is known."""
-    if name in RESNETS:  # also where a folder, such as that of a run, is called so
+    """Return the source of published weights of a backbone: a folder, or a name on the hub; None: no known source."""
+    if name in RESNETS:  # also if a folder, such as that of a run, has this name
         return None if name in UNPUBLISHED else f"{PUBLISHER}/{name}"
     if Path(name).is_dir():
         return name
@@ -240,7 +242,7 @@ def _source(name: str) -> str | None:
 
 
 def _configuration(name: str) -> PretrainedConfig:
-    """The architecture of a backbone. Raises `InputError` for one that does not exist or cannot be had."""
+    """Return the architecture of a backbone. Raises `InputError` for one that does not exist or is not available."""
     if name in RESNETS:
         layer, depths, stem, first = RESNETS[name]
         return ResNetConfig(embedding_size=stem, hidden_sizes=[first * 2**k for k in range(4)], depths=list(depths),
@@ -267,13 +269,13 @@ def _keep_resolution(network: nn.Module, name: str) -> None:
 
 
 def _channels(network: nn.Module, name: str, size: tuple[int, int]) -> int:
-    """The number of features; raises `InputError` where the network does not take pictures of this size."""
+    """Return the number of features. Raises `InputError` if the network does not accept pictures of this size."""
     was = network.training
     network.eval()
     try:
         with torch.no_grad():
             features = feature_map(network(torch.zeros(1, 3, *size)))
-    except Exception as error:  # whatever a network says to pictures that it does not take
+    except Exception as error:  # networks raise various exceptions for pictures that they do not accept
         raise InputError(
             f"backbone {name}: does not turn an image of {size[1]}x{size[0]} pixels into features "
             f"({' '.join(str(error).split())[:160]}): give another backbone, or the size that it takes"
@@ -284,14 +286,14 @@ def _channels(network: nn.Module, name: str, size: tuple[int, int]) -> int:
 
 
 def feature_map(answer: Any) -> Tensor:
-    """(N, C, h, w) from what a model of `transformers` answers: a map as it is, tokens (N, T, C) as a map of width 1."""
+    """Return the feature map (N, C, h, w) of a `transformers` model's output; tokens (N, T, C) become a map of width 1."""
     hidden: Tensor = answer.last_hidden_state
     return hidden if hidden.ndim == 4 else hidden.transpose(1, 2).unsqueeze(-1)
 
 
 @contextlib.contextmanager
 def _silence_warnings() -> Iterator[None]:
-    """Without the libraries' warnings: what matters is reported in words of our own."""
+    """Silence the libraries' warnings; this package reports the important ones itself."""
     loggers = [logging.getLogger(name) for name in ("huggingface_hub", "transformers")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

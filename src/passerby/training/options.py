@@ -1,4 +1,4 @@
-"""What a user may choose about the training of a network."""
+"""The options of the training of a network."""
 
 from __future__ import annotations
 
@@ -25,32 +25,32 @@ class TrainOptions:
     backbone: str = "resnet-50"
     """small, resnet-18 to resnet-152; a model of `transformers`: its type (convnextv2), its name on the hub, its folder."""
     weights: str = "auto"
-    """auto (published ones where they can be had), published (or stop), random, or a run or checkpoint to begin with."""
+    """auto (published weights if available), published (or stop), random, or a run or checkpoint with the first weights."""
     height: int = 256
     width: int = 128
-    """Of the network's input, pixels."""
+    """Height and width of the network's input, pixels."""
     pooling: Literal["average", "gem"] = "average"
-    """Of the last feature map: global average, or generalised mean (Radenovic et al., PAMI 2019)."""
+    """Pooling of the last feature map: global average, or generalised mean (Radenovic et al., PAMI 2019)."""
     last_stride: Literal[1, 2] = 1
-    """Of a ResNet's last stage; 1 doubles the resolution of the last feature map."""
+    """Stride of a ResNet's last stage; 1 doubles the resolution of the last feature map."""
     neck: bool = True
     """A batch normalisation between the feature of the triplet loss and that of the identity loss and of retrieval."""
 
     people_per_batch: int = 16
-    """P."""
+    """Number of people in a batch (P)."""
     pictures_per_person: int = 4
-    """K."""
+    """Number of pictures of each person in a batch (K)."""
     epochs: int = 120
     learning_rate: float = 3.5e-4
-    """The largest, of AdamW."""
+    """Largest learning rate of AdamW."""
     weight_decay: float = 5e-4
     warm_up_epochs: float = 10.0
-    """Over which the learning rate rises linearly."""
+    """Number of epochs over which the learning rate rises linearly."""
     schedule: Literal["cosine", "constant"] = "cosine"
-    """Of the learning rate after that."""
+    """Learning rate after the warm-up."""
 
     margin: float = 0.3
-    """Of the triplet loss."""
+    """Margin of the triplet loss."""
     triplet_weight: float = 1.0
     identity_weight: float = 1.0
     label_smoothing: float = 0.1
@@ -58,20 +58,20 @@ class TrainOptions:
     flip: float = 0.5
     """Probability of a mirrored picture."""
     shift: float = 0.08
-    """Largest shift and crop, a share of the picture's height."""
+    """Largest shift and crop, as a share of the picture's height."""
     erasing: float = 0.5
     """Probability that a rectangle is erased (Zhong et al., AAAI 2020)."""
     colour: float = 0.2
     """Largest relative change of brightness, contrast and each channel's gain: cameras differ in them."""
 
     hold_out: float = 0.1
-    """Share of the people that validate, where the data have no query and gallery of their own."""
+    """Share of the people that are used for validation, if the data have no query and gallery."""
     validate_every: int = 10
-    """Epochs."""
+    """Number of epochs between two validations."""
     precision: Precision = "no"
     """Mixed precision of `accelerate`."""
     workers: int = 0
-    """Processes that read pictures; 0: the training's own."""
+    """Number of processes that read pictures; 0: the process of the training reads them."""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -91,17 +91,17 @@ class TrainOptions:
 
     @classmethod
     def paper(cls) -> TrainOptions:
-        """As the paper says, nothing more: ResNet-50, global pooled feature, identity and triplet loss."""
+        """Return only the paper's choices: ResNet-50, global pooled feature, identity and triplet loss."""
         return cls(last_stride=2, neck=False, label_smoothing=0, erasing=0, shift=0, colour=0, warm_up_epochs=0,
                    schedule="constant")  # fmt: skip
 
     @classmethod
     def small(cls) -> TrainOptions:
-        """For a processor without a graphics card: a network of 1.2 million weights."""
+        """Return options for a processor without a graphics card: a network of 1.2 million weights."""
         return cls(backbone="small", height=128, width=64)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the options as plain values."""
         return asdict(self)
 
 
@@ -111,11 +111,9 @@ RECIPES = {"strong": TrainOptions, "paper": TrainOptions.paper, "small": TrainOp
 def train_options(
     recipe: str = "strong", config: Path | None = None, *, start: TrainOptions | None = None, **chosen: Any
 ) -> TrainOptions:
-    """A recipe's options, over them those of a TOML file, over them those that are chosen one by one (None: not chosen).
+    """Return the options of a recipe, overwritten by those of a TOML file, and then by `chosen` ones (None: not chosen).
 
-    With `start` these take the place of the recipe's.
-
-    Raises `InputError` for a recipe, key or value that does not exist.
+    `start` replaces the recipe's options. Raises `InputError` for a recipe, key or value that does not exist.
     """
     if recipe not in RECIPES:
         raise InputError(f"recipe {recipe!r} does not exist: choose one of {', '.join(RECIPES)}")

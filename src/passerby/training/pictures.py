@@ -1,7 +1,7 @@
-"""Pictures as the network sees them: loaded alike everywhere, varied in training, and drawn as batches (P people, K each).
+"""Pictures as input of the network: loaded in one way everywhere, varied in training, in batches of P people with K pictures.
 
-What an epoch draws depends on the seed and the epoch's number alone, so that a training that was stopped between two epochs
-goes on as if nothing had happened.
+The random numbers of an epoch depend only on the seed and the epoch's number. Therefore a training that was stopped between two
+epochs continues without any difference.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ from passerby.training.network import ReidNetwork
 from passerby.training.options import TrainOptions
 
 ERASED_AREA = (0.02, 0.4)
-"""Share of the picture that is erased, and its proportions: as published (Zhong et al., AAAI 2020)."""
+"""Share of the picture that is erased; this and the range of the aspect are as published (Zhong et al., AAAI 2020)."""
 ERASED_ASPECT = (0.3, 3.33)
 ERASED_COLOUR = tuple(255.0 * mean for mean in reversed(IMAGENET_MEAN))
-"""Blue, green, red: the mean, which the network sees as 0."""
+"""Mean colour as blue, green, red; the network's input is then 0."""
 TRIES = 20
 Draw = tuple[int, int, int]
-"""A picture's row, the epoch, and its place in the epoch: what decides how it is varied."""
+"""Row of a picture, epoch, and place in the epoch; the last two determine how the picture is varied."""
 
 
 def load_picture(path: Path, size: tuple[int, int]) -> Picture:
-    """(H, W, 3) BGR, a picture file stretched to `size`, its width and height. Raises `InputError` where it cannot be read."""
+    """Read a picture (H, W, 3), BGR, stretched to `size` (width, height). Raises `InputError` if it cannot be read."""
     picture = read_picture(path)
     height, width = picture.shape[:2]
     return stretch_crop(picture, np.array([0.0, 0.0, width, height]), size)
 
 
 def make_batch(pictures: Sequence[Picture]) -> Tensor:
-    """(N, H, W, 3) of uint8."""
+    """Stack pictures into a batch (N, H, W, 3) of uint8."""
     return torch.from_numpy(np.stack(pictures))
 
 
 def normalise_pictures(batch: Tensor) -> Tensor:
-    """(N, 3, H, W) of float, RGB, normalised as ImageNet's pictures, from (N, H, W, 3) of uint8, BGR."""
+    """Convert (N, H, W, 3) of uint8, BGR, to (N, 3, H, W) of float, RGB, normalised as ImageNet's pictures."""
     mean = torch.tensor(IMAGENET.mean, device=batch.device)
     std = torch.tensor(IMAGENET.std, device=batch.device)
     values: Tensor = (batch.flip(-1).float() * IMAGENET.scale - mean) / std
@@ -59,7 +59,7 @@ def normalise_pictures(batch: Tensor) -> Tensor:
 
 
 def embed_all(network: ReidNetwork, crops: CropSet, options: TrainOptions, batch: int = 64) -> Vectors:
-    """(N, C) unit vectors of a set's pictures, by the network as it stands."""
+    """Compute unit vectors (N, C) of a set's pictures by the network with its present weights."""
     device = next(network.parameters()).device
     network.eval()
     found = [np.zeros((0, network.channels), np.float32)]
@@ -72,13 +72,14 @@ def embed_all(network: ReidNetwork, crops: CropSet, options: TrainOptions, batch
 
 
 def decode_pictures(crops: CropSet) -> list[Picture]:
-    """The pictures of a set as they lie on disk, BGR, of any sizes. Raises `InputError` where one cannot be read."""
+    """Read the pictures of a set as stored, BGR, of any sizes. Raises `InputError` if one cannot be read."""
     return [read_picture(path) for path in crops.paths]
 
 
 def augment(picture: Picture, options: TrainOptions, rng: np.random.Generator) -> Picture:
-    """(H, W, 3) a variation of a picture: colour, place, mirrored, a part erased, as the options say. The draws do not depend
-    on the picture.
+    """Return a variation (H, W, 3) of a picture by the options: other colours, shifted, mirrored, or with a part erased.
+
+    The random numbers do not depend on the picture.
     """
     if options.colour > 0:
         picture = _recolour(picture, options.colour, rng)
@@ -92,11 +93,11 @@ def augment(picture: Picture, options: TrainOptions, rng: np.random.Generator) -
 
 
 def _recolour(picture: Picture, most: float, rng: np.random.Generator) -> Picture:
-    """Brightness and contrast of the whole picture, and half as much of each channel's gain: exposure and white balance."""
+    """Change brightness and contrast of the picture, and each channel's gain by half as much (exposure and white balance)."""
     brightness, contrast = rng.uniform(-most, most, 2)
     gain = 1.0 + rng.uniform(-most / 2, most / 2, 3)
     middle = float(picture.mean())
-    # Straight lines in the pixel's value: contrast about the picture's mean, then brightness, then the channel's gain.
+    # All are linear in the pixel's value: contrast about the picture's mean, then brightness, then the channel's gain.
     slope = (1.0 + contrast) * (1.0 + brightness) * gain
     offset = (1.0 - (1.0 + contrast)) * middle * (1.0 + brightness) * gain
     table = np.clip(np.arange(256)[:, None] * slope + offset, 0, 255).round().astype(np.uint8)
@@ -104,7 +105,7 @@ def _recolour(picture: Picture, most: float, rng: np.random.Generator) -> Pictur
 
 
 def _shift_picture(picture: Picture, most: float, rng: np.random.Generator) -> Picture:
-    """The picture within an edge of the mean colour, cut out at another place: detectors' boxes are off by as much."""
+    """Shift the picture, with an edge of the mean colour: detectors' boxes have errors of this size."""
     height, width = picture.shape[:2]
     edge = max(1, round(most * height))
     left, top = rng.integers(0, 2 * edge + 1, 2)
@@ -113,7 +114,7 @@ def _shift_picture(picture: Picture, most: float, rng: np.random.Generator) -> P
 
 
 def _erase_rectangle(picture: Picture, rng: np.random.Generator) -> Picture:
-    """A rectangle in the mean colour."""
+    """Fill a random rectangle with the mean colour."""
     height, width = picture.shape[:2]
     for _ in range(TRIES):
         area = rng.uniform(*ERASED_AREA) * height * width
@@ -128,25 +129,25 @@ def _erase_rectangle(picture: Picture, rng: np.random.Generator) -> Picture:
 
 
 class BatchSampler(Sampler[list[Draw]]):
-    """The batches of one epoch after the other; `epoch` says which one is next."""
+    """The batches of the epoch `epoch`."""
 
     def __init__(self, crops: CropSet, people: int, pictures: int, seed: int) -> None:
-        """Batches of P `people` (all that there are, where they are fewer), K `pictures` of each."""
+        """Set up batches of P `people` (all people if there are fewer), with K `pictures` of each."""
         self._crops, self._seed = crops, seed
         self._people, self._pictures = min(people, len(np.unique(crops.person))), pictures
         self.epoch = 0
 
     @property
     def size(self) -> int:
-        """Pictures in a batch; the most, where not all people are known to be apart."""
+        """Number of pictures in a batch; the maximum, if not all people are known to be different."""
         return self._people * self._pictures
 
     def __len__(self) -> int:
-        """Batches in an epoch: as many as show each picture once on the mean."""
+        """Return the number of batches in an epoch: each picture occurs once on average."""
         return max(1, round(len(self._crops) / self.size))
 
     def __iter__(self) -> Iterator[list[Draw]]:
-        """The batches of the epoch."""
+        """Draw the batches of the epoch."""
         rng = np.random.default_rng((self._seed, self.epoch))
         rows = self._draw_batches(rng) if self._crops.apart is None else self._draw_distinct_batches(rng, self._crops.apart)
         place = 0
@@ -155,7 +156,7 @@ class BatchSampler(Sampler[list[Draw]]):
             place += len(batch)
 
     def _draw_batches(self, rng: np.random.Generator) -> Iterator[list[int]]:
-        """All people are known to be different."""
+        """Draw batches for a set in which all people are known to be different."""
         with _drawing_from(rng):
             sampler = MPerClassSampler(self._crops.person, self._pictures, self.size, len(self) * self.size)
             rows = [int(row) for row in sampler]
@@ -163,10 +164,9 @@ class BatchSampler(Sampler[list[Draw]]):
             yield rows[start : start + self.size]
 
     def _draw_distinct_batches(self, rng: np.random.Generator, apart: np.ndarray) -> Iterator[list[int]]:
-        """Batches of people in which every two are known to be different: any one, then others who are different from
-        all before.
+        """Draw batches in which each two people are known to be different: each new person differs from all before.
 
-        Pictures are drawn evenly over the cameras, since what has to be learnt is that two cameras show one person.
+        Pictures are drawn evenly over the cameras, because the network has to learn that two cameras show one person.
         """
         with_pictures = np.unique(self._crops.person)
         by_camera = {int(person): self._rows_by_camera(int(person)) for person in with_pictures}
@@ -179,12 +179,12 @@ class BatchSampler(Sampler[list[Draw]]):
             yield [row for person in chosen for row in self._draw_pictures(by_camera[person], rng)]
 
     def _rows_by_camera(self, person: int) -> list[Ints]:
-        """A person's pictures by the camera."""
+        """Return the rows of a person's pictures, camera by camera."""
         rows = np.flatnonzero(self._crops.person == person)
         return [rows[self._crops.camera[rows] == camera] for camera in np.unique(self._crops.camera[rows])]
 
     def _draw_pictures(self, by_camera: list[Ints], rng: np.random.Generator) -> list[int]:
-        """K pictures of a person, camera by camera in turn; none twice while there are others."""
+        """Draw K pictures of a person from the cameras in turn; none a second time before all have been drawn."""
         decks = [list(rng.permutation(rows)) for rows in by_camera]
         rng.shuffle(decks)
         drawn: list[int] = []
@@ -197,7 +197,7 @@ class BatchSampler(Sampler[list[Draw]]):
 
 @contextmanager
 def _drawing_from(rng: np.random.Generator) -> Iterator[None]:
-    """The library draws from a generator of its module; for a while it is ours."""
+    """Replace the random generator of the library's module by `rng` for the context."""
     before, common_functions.NUMPY_RANDOM = common_functions.NUMPY_RANDOM, rng
     try:
         yield

@@ -1,9 +1,8 @@
-"""Trainings as a user starts them: data sets in, a folder with the network and its record out.
+"""Trainings that a user starts: from data sets to a folder with the network and its record.
 
-A network adapted to one scene without labels: it learns from people with significant identities, then the rig is solved again.
-
-Xu et al., CVPR 2021, section 3.1, fine-tune on a scene's own people where clothes are alike, with labels made by hand. Here the
-rig that was found without them makes the labels.
+A network can be adapted to one scene without labels: it is trained on people with significant identities, then the rig is
+solved again. Xu et al., CVPR 2021, section 3.1, fine-tune on a scene's own people if clothes are similar, with manual labels.
+Here the labels come from the rig, which was calibrated without them.
 """
 
 from __future__ import annotations
@@ -41,28 +40,28 @@ from passerby.training.training import Trained, train
 
 CURVES = "curves.html"
 FEW_PEOPLE = 20
-"""With fewer no person is held out: every one is needed to learn from."""
+"""With fewer people no person is held out, because all are needed for the training."""
 COMPARED_PICTURES = 1000
-"""Real pictures on which an exported network is compared with PyTorch."""
+"""Maximum number of real pictures on which an exported network is compared with PyTorch."""
 RUN, NETWORK, CROPS, PERCEPTION = "run", "net.onnx", "crops", "perception"
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What is learnt from, and what validates."""
+    """The pictures of a training and of its validation."""
 
     learnt: CropSet
     query: CropSet
     gallery: CropSet
-    """With `query`; empty where held-out people search each other."""
+    """Pictures that `query` searches; empty if held-out people search each other."""
     validated_on: str
-    """In words."""
+    """Description of the validation."""
 
 
 def course(sets: Sequence[DataSet], options: TrainOptions) -> Course:
-    """Split what is there: the sets' own query and gallery validate, else some people are held out.
+    """Split the sets into training and validation: their own query and gallery, or otherwise some held-out people.
 
-    Raises `InputError` where no set has anybody to learn from.
+    Raises `InputError` if no set has people for the training.
     """
     learnt = mix_sets([one.train for one in sets])
     if not len(learnt):
@@ -87,9 +86,9 @@ def train_run(
     tell: Progress = silent,
     record: Callable[[EpochRecord], None] | None = None,
 ) -> Trained:
-    """Train on data sets into a folder: `run.toml`, `checkpoint.pt`, `log.csv`, `curves.html`. Stopped, it goes on there.
+    """Train on data sets, and write `run.toml`, `checkpoint.pt`, `log.csv` and `curves.html` into a folder.
 
-    Raises `InputError` as `training.train`.
+    A training that was stopped continues in its folder. Raises `InputError` as `training.train`.
     """
     split = course(sets, options)
     log = TrainingLog(folder)
@@ -121,7 +120,7 @@ def _score(split: Course, embed: Callable[[CropSet], Vectors]) -> RetrievalScore
 
 
 def fine_tuning(start: Checkpoint, folder: Path) -> TrainOptions:
-    """Options that take a trained network, in `folder`, a little further: its own, fewer epochs, a gentler learning rate."""
+    """Return options to fine-tune a trained network in `folder`: its own, with fewer epochs and a smaller learning rate."""
     own = start.options
     return replace(own, epochs=40, learning_rate=0.3 * own.learning_rate, warm_up_epochs=2.0, schedule="cosine",
                    weights=str(folder))  # fmt: skip
@@ -141,14 +140,17 @@ def export_run(run: Path, path: Path, sets: Sequence[DataSet] = ()) -> ExportRep
 
 
 def run_embedder(run: Path) -> tuple[Callable[[CropSet], Vectors], Checkpoint]:
-    """The network of a training as it embeds pictures by PyTorch. Raises `InputError` as `load_checkpoint`."""
+    """Return a function that embeds pictures with the network of a training, and its checkpoint.
+
+    Raises `InputError` as `load_checkpoint`.
+    """
     checkpoint = load_checkpoint(run)
     return partial(embed_all, checkpoint.restored().eval(), options=checkpoint.options), checkpoint
 
 
 @dataclass(frozen=True, eq=False)
 class FineTuned:
-    """A network adapted to a scene, and the calibration by it."""
+    """A network adapted to a scene, and the calibration with it."""
 
     folder: Path
     people: ScenePeople
@@ -157,7 +159,7 @@ class FineTuned:
     calibration: Calibration
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
+        """Return the result as plain values for JSON."""
         return {
             "folder": str(self.folder),
             "labels": self.people.figures,
@@ -169,7 +171,7 @@ class FineTuned:
         }
 
     def lines(self) -> list[str]:
-        """What to tell of the labels and the training."""
+        """Return lines about the labels and the training for the user."""
         return [
             f"{len(self.people.crops)} images of {len(self.people.crops.people)} people that the calibration identifies "
             f"reliably",
@@ -195,18 +197,18 @@ def finetune_scene(
 
     Args:
         out: output folder of a calibration of videos.
-        target: gets `run/`, `net.onnx`, and the new calibration; what was found in the videos before is taken over.
-        weights: the run to begin with; None: a small network, from random weights.
+        target: gets `run/`, `net.onnx`, and the new calibration; earlier results from the videos are used again.
+        weights: the run that gives the first weights; None: a small network with random weights.
         scene: the scene file; None: the one that the calibration names.
         config: TOML file of training options.
-        epochs: of the training; None: as the options say.
-        seed: of the training and the calibration.
+        epochs: number of epochs; None: as in the options.
+        seed: seed of the training and the calibration.
         device: auto or cpu.
         tell: called with the stages.
-        record: called for every epoch.
+        record: called after each epoch.
 
     Raises:
-        InputError: files that are missing or damaged, a run of another architecture.
+        InputError: missing or damaged files, a run of another architecture.
         EvidenceError: the calibration was refused, or confirms too few people.
     """
     if target.resolve() == out.resolve():
@@ -224,7 +226,7 @@ def finetune_scene(
 
 
 def _options(weights: Path | None, config: Path | None, epochs: int | None, seed: int) -> TrainOptions:
-    """Those of the network that it begins with, gentler; or the small recipe's. No person is held out: people are few."""
+    """Return the options: by `fine_tuning` if `weights` is given, otherwise the small recipe. No person is held out."""
     chosen: dict[str, Any] = {"epochs": epochs, "seed": seed, "hold_out": 0.0}
     if weights is None:
         return train_options("small", config, **chosen)
@@ -232,7 +234,7 @@ def _options(weights: Path | None, config: Path | None, epochs: int | None, seed
 
 
 def _calibrate_again(scene: Scene, target: Path, seed: int, tell: Progress) -> Calibration:
-    """The scene calibrated with the new network."""
+    """Calibrate the scene with the new network."""
     table = scene.perception.model_copy(update={"embedder": str((target / NETWORK).resolve())})
     changed = scene.with_perception(table)
     with open_local_processes(changed.size_bytes, len(changed.cameras), changed.n_videos) as executor:
@@ -240,7 +242,7 @@ def _calibrate_again(scene: Scene, target: Path, seed: int, tell: Progress) -> C
 
 
 def _take_over(kept: Path, target: Path) -> None:
-    """What was found in the videos before need not be found again. Raises `InputError` where it cannot be written."""
+    """Link or copy the earlier results from the videos to `target`. Raises `InputError` if they cannot be written."""
     if not kept.is_dir() or target.exists():
         return
     try:
@@ -250,7 +252,7 @@ def _take_over(kept: Path, target: Path) -> None:
 
 
 def _link_file(source: str, target: str) -> None:
-    """The same file under another name where the file system can, else a copy; files are only ever replaced, not changed."""
+    """Make a hard link if the file system can, otherwise a copy. A link is safe: files are replaced, but never changed."""
     try:
         os.link(source, target)
     except OSError:

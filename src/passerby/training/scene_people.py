@@ -1,8 +1,8 @@
 """People of a calibrated scene, cut out of its videos, that geometry confirms: labels without any manual work.
 
 A calibration estimates identities. They are checked here again, by the rig itself and without appearance: see
-`verify_boxes` and `pseudo_labels`. What remains is right nearly always, which matters more than how much it is: training with
-the hardest pairs makes most of every wrong label.
+`verify_boxes` and `pseudo_labels`. Nearly all remaining labels are right. This is more important than their number, because
+training with the hardest pairs amplifies each wrong label.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from passerby.training.data.cutting import PER_PERSON, WantedCrops, cut_crops, f
 from passerby.training.sure_spans import PseudoLabels, pseudo_labels
 
 FEWEST_PEOPLE, FEWEST_CROPS = 4, 100
-"""Less does not tell a network how people differ."""
+"""Minimum numbers of people and crops from which a network can learn the differences between people."""
 REMEDIES = {
     ALONE: "let the cameras' views overlap more",
     MISFIT: "check the calibration: its poses or clocks may be wrong",
@@ -38,7 +38,7 @@ REMEDIES = {
     BEHIND: "record with fewer people at a time, or hang the cameras higher",
     NEAR: "record with fewer people at a time",
 }
-"""What helps where most boxes are left out for a reason."""
+"""Reason for which most boxes are left out -> remedy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,30 +46,30 @@ class ScenePeople:
     """Pictures of people with confirmed labels."""
 
     scene: Scene
-    """That was calibrated."""
+    """The scene that was calibrated."""
     crops: CropSet
-    """People are spans of identities, named SCENE/IDENTITY@SPAN; `apart` says which of them are known to be two."""
+    """People are spans of identities, named SCENE/IDENTITY@SPAN; `apart` states which of them are known to be different."""
     figures: dict[str, Any] = field(default_factory=dict)
-    """JSON-ready."""
+    """Counts and shares, JSON-ready."""
     notes: tuple[str, ...] = ()
-    """What is to be reported, one sentence each."""
+    """Notes to report, one sentence each."""
 
 
 def scene_people(
     out: Path, cache: Path, scene: Path | None = None, tell: Progress = silent, executor: Executor | None = None
 ) -> ScenePeople:
-    """Cut the people of a calibrated scene out of its videos, as far as geometry confirms them.
+    """Cut the people of a calibrated scene that geometry confirms out of its videos.
 
     Args:
         out: the output folder of `passerby calibrate`.
         cache: folder in which crops are kept.
-        scene: the scene file; None: where the output folder says that it lies.
+        scene: the scene file; None: the path that the output folder states.
         tell: called with the stages.
-        executor: cuts the cameras side by side.
+        executor: cuts the cameras in parallel.
 
     Raises:
         InputError: as `read_calibrated` and `cut_crops`.
-        EvidenceError: the calibration was refused, or fewer than `FEWEST_PEOPLE` people or `FEWEST_CROPS` crops are left.
+        EvidenceError: the calibration was refused, or fewer than `FEWEST_PEOPLE` people or `FEWEST_CROPS` crops remain.
     """
     tell("reading")
     calibrated = read_calibrated(out, scene)
@@ -90,7 +90,7 @@ def scene_people(
     name = calibrated.scene.name
     cut = cut_crops(wanted, people, cache, name=name, executor=executor, tell=tell)
     crops = replace(cut.crops, apart=spans.apart)
-    # One camera alone, or one that has no video, teaches nothing of how cameras differ.
+    # People with crops of only one camera do not show how cameras differ.
     crops = crops.of_people(_cameras_of_people(crops) > 1)
     _check_enough(out, figures, len(crops.people), len(crops))
     figures |= {
@@ -110,7 +110,7 @@ def scene_people(
 
 
 def _choose_boxes(calibrated: CalibratedScene, number: int, name: str, places: Places, spans: PseudoLabels) -> WantedCrops:
-    """The boxes of a camera to be cut: sure, clear, and spread over the time of each span."""
+    """Choose the boxes of a camera to cut: confirmed, clear, and spread over the time of each span."""
     boxes = calibrated.boxes[name]
     span = np.full(len(boxes), -1)
     mine = (places.camera == number) & (spans.span >= 0)
@@ -123,19 +123,19 @@ def _choose_boxes(calibrated: CalibratedScene, number: int, name: str, places: P
 
 
 def _cameras_of_people(crops: CropSet) -> Ints:
-    """(P,) by how many cameras each person is shown."""
+    """Count the cameras that show each person, (P,)."""
     pairs = np.unique(np.column_stack([crops.person, crops.camera]), axis=0)
     return np.asarray(np.bincount(pairs[:, 0], minlength=len(crops.people)), dtype=np.int64)
 
 
 def _share_apart(crops: CropSet) -> float:
-    """Share of the pairs of people who are known to be two."""
+    """Compute the share of the pairs of people who are known to be different."""
     n = len(crops.people)
     return float(crops.apart.sum() / (n * (n - 1))) if crops.apart is not None and n > 1 else 0.0
 
 
 def _figures(calibrated: CalibratedScene, places: Places, agreed: GeometricAgreement, spans: PseudoLabels) -> dict[str, Any]:
-    """What became of the boxes at the instants that were looked at."""
+    """Return counts of the confirmed and the rejected boxes at the instants of `places`, by reason and by camera."""
     identified = places.identity >= 0
     kept = spans.span >= 0
     count = np.bincount(agreed.reason[identified & ~kept], minlength=len(REASONS))
@@ -159,7 +159,7 @@ def _figures(calibrated: CalibratedScene, places: Places, agreed: GeometricAgree
 
 
 def _check_enough(out: Path, figures: dict[str, Any], people: int, crops: int) -> None:
-    """Raise `EvidenceError` where too little is confirmed, with what most was left out for."""
+    """Raise `EvidenceError` if too little is confirmed, with the reasons for which boxes were left out."""
     if people >= FEWEST_PEOPLE and crops >= FEWEST_CROPS:
         return
     left_out: dict[str, int] = figures["left_out"]
@@ -180,7 +180,7 @@ def _check_enough(out: Path, figures: dict[str, Any], people: int, crops: int) -
 
 
 def _notes(out: Path, calibrated: CalibratedScene) -> list[str]:
-    """What is odd about the calibration."""
+    """Return notes about a calibration that is not accepted, and about cameras without a video."""
     notes = []
     if calibrated.verdict != "accepted":
         notes.append(f"{out}: the calibration is {calibrated.verdict}: its labels may be wrong more often than usual")
@@ -193,17 +193,17 @@ def _notes(out: Path, calibrated: CalibratedScene) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedScene:
-    """A calibrated scene: the cameras that have poses, and what they saw."""
+    """A calibrated scene: the cameras that have poses, and their boxes."""
 
     scene: Scene
     rig: Rig
     """The cameras with poses, two or more."""
     boxes: Mapping[str, Boxes]
-    """Of each of them, with identities that are the same in all cameras."""
+    """Boxes of each of these cameras, with identities that are the same in all cameras."""
     clocks: Mapping[str, Clock]
     verdict: str
     videos: Mapping[str, Path]
-    """Of those of them that have one."""
+    """Videos of these cameras; some may have none."""
 
 
 def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
@@ -211,10 +211,10 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
 
     Args:
         out: the folder.
-        scene: its scene file; None: where `calibration.json` says that it lies.
+        scene: its scene file; None: the path that `calibration.json` states.
 
     Raises:
-        InputError: something is missing or broken, with its name and its remedy.
+        InputError: a file is missing or broken; the message has its name and a remedy.
         EvidenceError: the calibration was refused, or registered fewer than two cameras.
     """
     found = read_output(out)
@@ -242,7 +242,7 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
 
 
 def _align_clocks(scene: Scene, rig: Rig, videos: Mapping[str, Path]) -> dict[str, Clock]:
-    """Clocks of frames that are counted alike, at the rate of the scene or of a video."""
+    """Return clocks for frames with the same numbers in all cameras, at the frame rate of the scene or of a video."""
     rates = [scene.fps_of(name) for name in rig.names]
     rate = next((rate for rate in rates if rate), None) or probe(next(iter(videos.values()))).clock_fps
     return {name: Clock(rate) for name in rig.names}

@@ -1,8 +1,8 @@
-"""Spans of time in which one identity is one person, and which of these people are known to be two.
+"""Spans of time in which one identity is one person, and pairs of these people that are known to be different.
 
-Wherever labels may have changed hands, an identity's time is cut: where another person is near, where it jumps, and where for
-too long no two cameras confirm it. Each span becomes a person of its own. A doubt in one camera cuts nothing while two
-others carry the person through.
+An identity's time is cut wherever its label may have moved to another person: if another person is near, if the place jumps,
+and if two cameras have not confirmed it for too long. Each span becomes a separate person. A doubt in one camera makes no cut
+while two other cameras confirm the person.
 """
 
 from __future__ import annotations
@@ -29,22 +29,23 @@ from passerby.training.agreement import (
 )
 
 LONGEST_GAP_S = 0.6
-"""For longer no person is taken to have kept a label unseen, unless pictures are farther apart. With a second, 24 of 1394 boxes
-were another's on a terrace where all wear one vest and are found by background subtraction; so, 10 of 1243."""
+"""Maximum time without confirmation in which a person keeps a label, unless pictures are farther apart. On a terrace where all
+people wear the same vest and are detected by background subtraction, 24 of 1394 boxes were another person's with 1 s, and 10 of
+1243 with this value."""
 JUMP_M, JUMP_M_S = 0.4, 2.0
-"""Between two instants a person moves less than that: a position's own error, and a slow run."""
+"""Maximum move of a person between two instants: the error of a position, and the speed of a slow run."""
 SHORTEST_S = 1.5
-"""A run of chance agreement is shorter, as a rule: two people pass each other's rays within a second."""
+"""Minimum length of a span. Accidental agreement is usually shorter: two people pass each other's rays within a second."""
 DOUBT_S = 0.2
-"""Beside a doubtful box of a camera the next ones are not believed either: labels slip before geometry can tell. Over six
-calibrations of rendered videos 32 of 15150 boxes were wrong, 48 of 17426 without this."""
+"""Boxes within this time of a doubtful box of the same camera are not used: labels move before geometry can detect it. Over six
+calibrations of rendered videos 32 of 15150 boxes were wrong, 48 of 17426 without this rule."""
 DOUBTS = (MISFIT, AMBIGUOUS, BEHIND, NEAR, DISPUTED)
 FEWEST_INSTANTS = 5
-"""Of a span, with two cameras or more."""
+"""Minimum number of a span's instants with two cameras or more."""
 FEWEST_IN_CAMERA = 3
-"""Fewer sure instants of a span in one camera are a passing coincidence there."""
+"""Minimum number of a span's confirmed instants in a camera; fewer may be a coincidence."""
 FEWEST_TOGETHER = 3
-"""So many common instants show that two spans are two people."""
+"""Minimum number of common instants that show that two spans are two people."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,23 +55,23 @@ class PseudoLabels:
     span: Ints
     """(N,) rows of the spans for confirmed boxes, -1 for all others."""
     identity: Ints
-    """(S,)"""
+    """(S,) identity of each span."""
     number: Ints
-    """(S,) counts the spans of an identity, from 1."""
+    """(S,) number of the span within its identity, from 1."""
     seconds: Floats
-    """(S, 2) first and last, since the first instant."""
+    """(S, 2) first and last time, seconds since the first instant."""
     apart: NDArray[np.bool_]
-    """(S, S) who were seen at one time in two places: known to be two people."""
+    """(S, S) whether two spans are known to be two people, who were seen at the same time in two places."""
     n_cameras: Ints
-    """(S,)"""
+    """(S,) number of cameras of each span."""
 
 
 def pseudo_labels(places: Places, agreed: GeometricAgreement) -> PseudoLabels:
     """Cut the confirmed boxes into spans of one identity each.
 
     Args:
-        places: of all boxes.
-        agreed: what became of them.
+        places: places of all boxes.
+        agreed: results of the boxes by geometry.
     """
     span_of_group = _spans(places.step_s, agreed)
     span = np.full(len(places), -1)
@@ -97,7 +98,7 @@ def pseudo_labels(places: Places, agreed: GeometricAgreement) -> PseudoLabels:
 
 
 def _spans(step_s: float, agreed: GeometricAgreement) -> Ints:
-    """(G,) a number for each run of sure instants of one identity between which nothing can have happened; else -1."""
+    """Number the runs of confirmed instants of one identity in which its label cannot have moved, (G,); others get -1."""
     sure = np.flatnonzero(agreed.sure & ~agreed.near)
     if not len(sure):
         return np.full(len(agreed.step), -1)
@@ -116,8 +117,9 @@ def _spans(step_s: float, agreed: GeometricAgreement) -> Ints:
 
 
 def _may_have_met(agreed: GeometricAgreement, first: Ints, second: Ints) -> NDArray[np.bool_]:
-    """(K,) whether another person is near the straight path of a person from one confirmed instant to the next,
-    unconfirmed in between.
+    """Return whether another person is near the straight path between two confirmed instants of a person, (K,).
+
+    `first` and `second`: (K,) groups of the confirmed instants; the instants between them are unconfirmed.
     """
     missing = agreed.step[second] - agreed.step[first] - 1
     gap, nth = expanded_ranges(np.ones_like(missing), missing)
@@ -138,7 +140,7 @@ def _may_have_met(agreed: GeometricAgreement, first: Ints, second: Ints) -> NDAr
 
 
 def _find_near_doubt(places: Places, agreed: GeometricAgreement) -> NDArray[np.bool_]:
-    """(N,) boxes of an identity within `DOUBT_S` of a doubtful one of the same camera: labels slip before it is noticed."""
+    """Return whether a box is within `DOUBT_S` of a doubtful box of the same identity and camera, (N,)."""
     order = np.lexsort((places.step, places.camera, places.identity))
     order = order[places.identity[order] != UNKNOWN]
     reach = max(1, round(DOUBT_S / places.step_s))
@@ -155,10 +157,10 @@ def _find_near_doubt(places: Places, agreed: GeometricAgreement) -> NDArray[np.b
 
 
 def _drop_passing(span: Ints, places: Places, agreed: GeometricAgreement) -> Ints:
-    """The spans without cameras that saw them for a moment only, without instants in one camera, and without short ones."""
+    """Drop cameras with few instants of a span, instants with only one camera, and short spans, from the spans (N,)."""
     span = _keep_shared_spans(span, places)
     rows = np.flatnonzero(span >= 0)
-    # An instant that is left with one camera is no longer one.
+    # An instant that has only one camera left is dropped.
     number = np.bincount(agreed.group[rows], minlength=len(agreed.step))
     rows = rows[number[agreed.group[rows]] > 1]
     alone = np.ones(len(span), dtype=np.bool_)
@@ -175,7 +177,7 @@ def _drop_passing(span: Ints, places: Places, agreed: GeometricAgreement) -> Int
 
 
 def _keep_shared_spans(span: Ints, places: Places) -> Ints:
-    """The spans without those that are left with one camera, and without cameras that saw them for a moment only."""
+    """Drop cameras with few instants of a span, and then spans with only one camera left, from the spans (N,)."""
     n_cameras = int(places.camera.max(initial=0)) + 1
     count = np.zeros((int(span.max(initial=-1)) + 1, n_cameras), dtype=np.int64)
     rows = np.flatnonzero(span >= 0)
@@ -187,7 +189,7 @@ def _keep_shared_spans(span: Ints, places: Places) -> Ints:
 
 
 def _find_separate(agreed: GeometricAgreement, group_span: Ints, n_spans: int) -> NDArray[np.bool_]:
-    """(S, S) spans with common instants at most of which they are far from each other."""
+    """Return whether two spans have common instants and are far from each other at 90 % of them or more, (S, S)."""
     rows = np.flatnonzero(group_span >= 0)
     rows = rows[np.argsort(agreed.step[rows], kind="stable")]
     i, j = pairs_within(agreed.step[rows])

@@ -1,7 +1,7 @@
-"""The training of a network: epochs, learning rate, checkpoints, validation. Stopped and run again, it goes on where it was.
+"""The training of a network: epochs, learning rate, checkpoints, validation. A stopped training continues from its checkpoint.
 
-All that an epoch does follows from the options, the epoch's number, and the state that the one before left behind; a training
-that was killed is therefore the same, bit for bit on the processor, as one that was not.
+An epoch depends only on the options, the epoch's number, and the state after the epoch before. Therefore a training that was
+killed and continued gives the same result as one that was not, bit for bit on the processor.
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ from passerby.training.pictures import BatchSampler, Draw, augment, load_picture
 
 RUN_FILE = "run.toml"
 DECAY_EXEMPT = ("bias", "power")
-"""Parameters that weight decay would only bend; so it does those of normalisations, which have one dimension."""
+"""Endings of the names of parameters without weight decay, which would only distort them. Parameters of one dimension, such as
+those of normalisations, have none either."""
 KEPT_WEIGHTS = ("auto", "published", "random")
 
 Validate = Callable[[ReidNetwork], tuple[float, float]]
-"""Scores a network: rank-1 and mAP."""
+"""Function that scores a network: rank-1 and mAP."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +51,16 @@ class Trained:
     options: TrainOptions
     origin: Mapping[str, str]
     note: str
-    """What it began with."""
+    """The weights with which it began."""
     resumed_after: int
-    """Epochs that an earlier run had done."""
+    """Number of epochs that an earlier run had finished."""
     validated_on: str = "nobody"
     last: EpochRecord | None = None
-    """Of the last epoch."""
+    """Record of the last epoch."""
 
 
 class _Pictures(Dataset[tuple[Tensor, int]]):
-    """The pictures of a set, each draw varied in its own way."""
+    """The pictures of a set, with a different variation for each draw."""
 
     def __init__(self, crops: CropSet, options: TrainOptions) -> None:
         self._crops, self._options = crops, options
@@ -83,21 +84,21 @@ def train(
     record: Callable[[EpochRecord], None] | None = None,
     resumed: Callable[[int], None] | None = None,
 ) -> Trained:
-    """Train a network, or go on with a training that was stopped.
+    """Train a network, or continue a training that was stopped.
 
     Args:
-        crops: pictures to learn from; each person has two or more.
-        options: of the training.
-        folder: in which `run.toml` and `checkpoint.pt`, the state after the last whole epoch, are kept.
-        origin: what the network comes from, for the checkpoint.
+        crops: training pictures; each person has two or more.
+        options: options of the training.
+        folder: folder of `run.toml` and of `checkpoint.pt`, the state after the last whole epoch.
+        origin: source of the network, for the checkpoint.
         validate: scores the network every `options.validate_every` epochs, and after the last one.
-        device: auto (a graphics card where there is one) or cpu.
+        device: auto (a graphics card if there is one) or cpu.
         tell: called with the batches.
-        record: called for every epoch.
-        resumed: called, before the first epoch, with how many an earlier run has done.
+        record: called after each epoch.
+        resumed: called, before the first epoch, with the number of epochs that an earlier run has finished.
 
     Raises:
-        InputError: too few people; a checkpoint in the folder of another training; weights of another backbone; a loss that is
+        InputError: too few people; a checkpoint of another training in the folder; weights of another backbone; a loss that is
             not a number (the checkpoint of the last whole epoch stays).
     """
     _check(crops, options)
@@ -121,7 +122,7 @@ def train(
 
 
 def _check(crops: CropSet, options: TrainOptions) -> None:
-    """Raises `InputError` where there is nothing to learn from."""
+    """Raise `InputError` if the crops are not sufficient for a training."""
     counts = np.bincount(crops.person[crops.person >= 0], minlength=len(crops.people)) if len(crops) else np.zeros(0, int)
     if (crops.person < 0).any() or (counts == 1).any():
         raise InputError("training: an image of no person, or a person with one image only: leave them out")
@@ -135,7 +136,7 @@ def _check(crops: CropSet, options: TrainOptions) -> None:
 
 
 def _read_earlier(folder: Path, crops: CropSet, options: TrainOptions) -> Checkpoint | None:
-    """The state of an earlier run of the same training. Raises `InputError` where that was another one."""
+    """Read the state of an earlier run, None if there is none. Raises `InputError` if it was another training."""
     if not (folder / CHECKPOINT).is_file():
         return None
     found = load_checkpoint(folder)
@@ -155,7 +156,7 @@ def _read_earlier(folder: Path, crops: CropSet, options: TrainOptions) -> Checkp
 
 
 def data_key(crops: CropSet) -> str:
-    """A digest of what is learnt from: who, by which camera, in which file; not where the files lie."""
+    """Return a digest of the training data: people, cameras, and names and sizes of the files, without their folders."""
     digest = hashlib.blake2b(digest_size=16)
     for path, person, camera in zip(crops.paths, crops.person.tolist(), crops.camera.tolist(), strict=True):
         digest.update(f"{crops.people[person]}\n{crops.cameras[camera]}\n{path.name}\n{path.stat().st_size}\n".encode())
@@ -191,12 +192,12 @@ class _Training:
 
     @property
     def network(self) -> ReidNetwork:
-        """The network itself, without what several devices wrap it in."""
+        """The network itself, without the wrapper for several devices."""
         unwrapped: ReidNetwork = self._accelerator.unwrap_model(self._model)
         return unwrapped
 
     def epoch(self, epoch: int, tell: Progress) -> EpochRecord:
-        """One pass over the pictures. Raises `InputError` where the loss is not a number, or a weight after the last step."""
+        """Train for one epoch. Raises `InputError` if a loss, or a weight after the last step, is not a finite number."""
         self._sampler.epoch = epoch
         torch.manual_seed(int(np.random.SeedSequence((self._options.seed, epoch)).generate_state(1)[0]))
         self._model.train()
@@ -242,7 +243,7 @@ class _Training:
 def _begin_training(
     crops: CropSet, options: TrainOptions, origin: Mapping[str, str], before: Checkpoint | None
 ) -> tuple[ReidNetwork, str, dict[str, str]]:
-    """The network to begin or to go on with, what to tell of its weights, and where it comes from."""
+    """Return the network of the start or of the checkpoint, a note about its weights, and its source."""
     if before is not None:
         return before.restored(), f"continues after epoch {before.epoch} of {options.epochs}", dict(before.origin)
     torch.manual_seed(options.seed)
@@ -261,7 +262,7 @@ def _begin_training(
 
 
 def _parameters(network: nn.Module, options: TrainOptions) -> list[dict[str, Any]]:
-    """What is learnt, in two groups: with weight decay, and without."""
+    """Return the trained parameters in two groups: with weight decay, and without."""
     learnt = [(name, value) for name, value in network.named_parameters() if value.requires_grad]
     exempt = [value.ndim <= 1 or name.endswith(DECAY_EXEMPT) for name, value in learnt]
     return [
@@ -271,7 +272,7 @@ def _parameters(network: nn.Module, options: TrainOptions) -> list[dict[str, Any
 
 
 def learning_rate(options: TrainOptions, step: int, batches: int) -> float:
-    """Of a step, counted from 0: rises linearly over the warm-up, then stays or falls as half a cosine to nearly nothing."""
+    """Return the learning rate of a step, from 0: a linear warm-up, then constant or half a cosine down to a thousandth."""
     warm, total = options.warm_up_epochs * batches, options.epochs * batches
     if step < warm:
         return options.learning_rate * (step + 1) / warm
@@ -282,7 +283,7 @@ def learning_rate(options: TrainOptions, step: int, batches: int) -> float:
 
 @contextmanager
 def _deterministic() -> Iterator[None]:
-    """While inside, torch chooses algorithms that give the same bits each time, where it has them."""
+    """Let torch use algorithms that give the same bits each time, if it has them, for the context."""
     before, only_warned = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
     torch.use_deterministic_algorithms(True, warn_only=True)
     try:

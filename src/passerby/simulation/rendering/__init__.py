@@ -1,4 +1,4 @@
-"""Pictures of simulated scenes: what each camera would film, with the true boxes known."""
+"""Rendered pictures of simulated scenes for each camera; the true boxes are known."""
 
 from passerby.simulation.rendering.camera import RenderOptions, render_camera, write_videos
 

@@ -1,4 +1,4 @@
-"""A camera's picture without people: by a ray through every quarter of a pixel, through the lens as it is."""
+"""The picture of a camera without people, by one ray for each quarter of a pixel through the distorted lens."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from passerby.simulation.rendering.surroundings import (
 
 SUPERSAMPLING = 2
 RAY_PITCH_PX = 8
-"""Rays are computed at every so many pixels and interpolated: a lens bends them by less than a hundredth of a pixel there."""
+"""Distance of the pixels whose rays are computed; others are interpolated, with an error below a hundredth of a pixel."""
 ROWS_AT_ONCE = 128
 
 
@@ -38,27 +38,27 @@ class World:
     """The static world around one area."""
 
     name: str
-    """Of the preset."""
+    """Name of the preset."""
     middle: Floats
-    """(2,) of the area, world, metres."""
+    """(2,) middle of the area, world, metres."""
     light: Light
     noise: Noise
     blocks: tuple[Block, ...]
 
     @classmethod
     def drawn(cls, name: str, middle: Floats, light: Light, rng: np.random.Generator) -> World:
-        """Textures and furniture."""
+        """Draw the textures and the blocks of a world."""
         texture, furniture = rng.spawn(2)
         return cls(name, middle, light, Noise(texture), draw_blocks(name, PRESETS[name], furniture))
 
     @property
     def preset(self) -> Preset:
-        """Its preset."""
+        """The preset of this world."""
         return PRESETS[self.name]
 
 
 def background(camera: Camera, world: World) -> Picture:
-    """(H, W, 3) the camera's picture of the empty world."""
+    """Render the camera's picture (H, W, 3) of the empty world."""
     width, height = camera.lens.size
     plane = _ray_grid(camera)
     picture = np.empty((height, width, 3), dtype=np.uint8)
@@ -71,24 +71,24 @@ def background(camera: Camera, world: World) -> Picture:
 
 
 def _ray_grid(camera: Camera) -> Field:
-    """(h, w, 3) unit rays in the world at every `RAY_PITCH_PX` pixels, from one pitch outside the picture's corner on."""
+    """Compute unit rays (h, w, 3), world, at every `RAY_PITCH_PX` pixels, from one pitch outside the picture's corner."""
     assert camera.pose is not None
     width, height = camera.lens.size
     x, y = (np.arange(-1, size // RAY_PITCH_PX + 3, dtype=np.float64) * RAY_PITCH_PX for size in (width, height))
     pixels = np.stack(np.meshgrid(x, y), axis=-1)
     rays = camera.lens.bearings(pixels.reshape(-1, 2))
     bad = ~np.isfinite(rays).all(axis=1)
-    if bad.any():  # a lens that ends inside the picture: what lies beyond shows its edge
+    if bad.any():  # the range of the lens ends inside the picture: pixels without a ray get that of the optical axis
         rays[bad] = np.array([0.0, 0.0, 1.0])
     return np.asarray((rays @ camera.pose.R_cw).reshape(pixels.shape[:2] + (3,)), dtype=np.float32)
 
 
 def _rays(camera: Camera, plane: Field, top: int, rows: int) -> Field:
-    """(2 rows, 2 W, 3) unit rays of the fine pixels of some rows."""
+    """Interpolate the unit rays (2 rows, 2 W, 3) of the fine pixels of some rows."""
     width = camera.lens.size[0]
     x = ((np.arange(width * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5) / RAY_PITCH_PX + 1
     y = (top + (np.arange(rows * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5) / RAY_PITCH_PX + 1
-    # Bilinear by hand: cv2.remap knows only 32 steps between two points.
+    # The bilinear interpolation is written out, because cv2.remap has only 32 steps between two points.
     left, above = np.floor(x).astype(int), np.floor(y).astype(int)
     by_x, by_y = (x - left).astype(np.float32)[None, :, None], (y - above).astype(np.float32)[:, None, None]
     columns = plane[:, left] * (1 - by_x) + plane[:, left + 1] * by_x
@@ -98,7 +98,7 @@ def _rays(camera: Camera, plane: Field, top: int, rows: int) -> Field:
 
 
 def _colours(camera: Camera, world: World, rays: Field) -> Field:
-    """(..., 3) what the rays meet, in the light of the scene."""
+    """Compute the colours (..., 3) of the surfaces that the rays hit, in the light of the scene."""
     eye = camera.centre - np.array([*world.middle, 0.0])
     pixel = np.float32(1.0 / (camera.lens.focal * SUPERSAMPLING))
     half = np.asarray(world.preset.area_m) / 2 + world.preset.standoff_m + BEHIND_M[world.name]
@@ -119,7 +119,7 @@ def _colours(camera: Camera, world: World, rays: Field) -> Field:
 
 
 def _add_blocks(world: World, eye: Field, rays: Field, reach: Field, colours: Field, pixel: np.float32) -> None:
-    """Draw the furniture over `colours`, in place, where it is nearer than `reach`, (N,) metres along the rays (N, 3)."""
+    """Draw the blocks over `colours`, in place, where they are nearer than `reach`, (N,) metres along the rays (N, 3)."""
     flat = colours.reshape(-1, 3)
     for block in world.blocks:
         apart = block.middle - eye
@@ -138,14 +138,14 @@ def _add_blocks(world: World, eye: Field, rays: Field, reach: Field, colours: Fi
 
 
 def _set(colours: Field, where: NDArray[np.bool_], values: Field) -> None:
-    """Put values where they are finite."""
+    """Set the colours at `where` to the values that are finite, in place."""
     known = np.isfinite(values[..., 0])
     inside = np.flatnonzero(where)[known]
     colours.reshape(-1, 3)[inside] = values[known]
 
 
 def _wall_colours(world: World, eye: Floats, rays: Field, axis: NDArray[np.int64], reach: Field, pixel: np.float32) -> Field:
-    """(N, 3); NaN where there is only sky."""
+    """Compute colours (N, 3) at the walls; NaN where there is only sky."""
     if not len(rays):
         return rays
     place = rays * reach[:, None] + eye.astype(np.float32)
@@ -160,10 +160,10 @@ def _wall_colours(world: World, eye: Floats, rays: Field, axis: NDArray[np.int64
 
 
 def _ground_colours(world: World, place: Field, rays: Field, reach: Field, half: Floats, pixel: np.float32) -> Field:
-    """(N, 3) with the shadows of the furniture, and darker along the walls."""
+    """Compute colours (N, 3) of the ground with the shadows of the blocks; it is darker along the walls."""
     if not len(rays):
         return rays
-    # Between the pixel's width and its length along the ground: lines far away fade instead of breaking up into dashes.
+    # A size between the pixel's width and its length along the ground: lines far away fade out instead of becoming dashes.
     footprint = np.asarray(reach * pixel / np.maximum(-rays[:, 2], 0.01) ** 0.75, dtype=np.float32)
     (colours,) = _apply_in_pieces(
         lambda x, y, f: (ground(world.name, world.preset, x, y, f, world.noise),), place[:, 0], place[:, 1], footprint
@@ -176,12 +176,12 @@ def _ground_colours(world: World, place: Field, rays: Field, reach: Field, half:
 
 
 def _find_shadowed(world: World, place: Field) -> NDArray[np.int64]:
-    """Indices of those places on the ground (N, 3) that lie in the shadow of a piece of furniture."""
+    """Return the indices of the places on the ground (N, 3) that lie in the shadow of a block."""
     sun = world.light.towards_sun.astype(np.float32)
     flat = float(np.hypot(sun[0], sun[1]) / sun[2])
     dark = [np.zeros(0, dtype=np.int64)]
     for block in world.blocks:
-        # From a block the shadow goes away from the sun, over its height by the sun's slope.
+        # The shadow of a block points away from the sun; its length is the block's height over the slope of the sun's rays.
         length = block.high[2] * flat
         middle = block.middle[:2] - sun[:2] / np.hypot(sun[0], sun[1]) * length / 2
         reach = length / 2 + block.radius
@@ -192,7 +192,7 @@ def _find_shadowed(world: World, place: Field) -> NDArray[np.int64]:
 
 
 def _block_colours(world: World, block: Block, place: Field, rays: Field, axis: NDArray[np.int64], footprint: Field) -> Field:
-    """(N, 3) the sides of a block, whose normals lie along the world's axes `axis`."""
+    """Compute colours (N, 3) on the sides of a block, whose normals are along the world's axes `axis`."""
     normals = np.zeros((len(rays), 3))
     index = np.arange(len(rays))
     normals[index, axis] = -np.sign(rays[index, axis])
@@ -204,7 +204,7 @@ def _block_colours(world: World, block: Block, place: Field, rays: Field, axis: 
 
 
 def _apply_in_pieces(function: Callable[..., tuple[Field, ...]], *columns: Field) -> tuple[Field, ...]:
-    """A texture function of pictures, applied to columns (N,) of any length: OpenCV's remap takes none longer than 32767."""
+    """Apply a texture function of pictures to columns (N,) of any length, because OpenCV's remap takes at most 32767."""
     count = len(columns[0])
     width = 4096
     padded = [np.resize(np.asarray(column, dtype=np.float32), (-(-count // width), width)) for column in columns]

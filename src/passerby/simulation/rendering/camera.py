@@ -29,12 +29,12 @@ from passerby.simulation.scene import Areas, SimulatedScene
 
 BODIES_AT_ONCE = 1000
 SALT = 7119
-"""Keeps the seeds of the pictures apart from those of the scene."""
+"""Makes the seeds of the pictures differ from those of the scene."""
 BANK = 4
-"""Fields of noise that are made once; every frame shows one of them, moved at random."""
+"""Number of noise fields. They are made once, and each frame uses one of them with a random shift."""
 MARGIN_PX = 64
 DRIFT_S = (20.0, 60.0)
-"""Period of the light's drift."""
+"""Range of the period of the light's drift."""
 CLOTHES = ("individual", "alike")
 
 
@@ -43,9 +43,9 @@ class RenderOptions:
     """Options of the pictures. Raises `InputError` for a value out of range."""
 
     clothes: str = "individual"
-    """individual (everybody's own) | alike (the same vest and trousers for all: only height, hair, skin and shoes differ)."""
+    """individual (each person's own) | alike (the same vest and trousers for all: only height, hair, skin and shoes differ)."""
     shadows: bool = True
-    """The sun casts shadows; without, the sky is overcast and there are contact shadows only."""
+    """Whether the sun casts shadows. Otherwise the sky is overcast, and there are only contact shadows."""
     noise: float = 2.5
     """Standard deviation of the sensor's noise, grey levels of 0 to 255."""
     light_drift: float = 0.015
@@ -64,28 +64,28 @@ class RenderOptions:
 
 @dataclass(frozen=True, eq=False)
 class CameraJob:
-    """All that the pictures of one camera depend on; picklable."""
+    """All inputs of the pictures of one camera; picklable."""
 
     camera: Camera
     fps: float
     times: Floats
-    """(T,) seconds of the world at each frame."""
+    """(T,) world time of each frame, seconds."""
     motion: Motion
     heights: Floats
-    """(P,) metres."""
+    """(P,) standing heights, metres."""
     here: NDArray[np.bool_]
-    """(P,) who is in this camera's area."""
+    """(P,) whether a person is in this camera's area."""
     preset: str
     middle: Floats
-    """(2,) of this camera's area, world, metres."""
+    """(2,) middle of this camera's area, world, metres."""
     seed: int
     index: int
-    """Of the camera in its rig."""
+    """Index of the camera in its rig."""
     options: RenderOptions
 
 
 def camera_job(simulated: SimulatedScene, camera: str, options: RenderOptions) -> CameraJob:
-    """The job of one camera. Raises `KeyError` for a camera that the scene has not."""
+    """Return the job of one camera. Raises `KeyError` for a camera that the scene does not have."""
     scene, index = simulated.options, simulated.rig.names.index(simulated.rig[camera].name)
     fps = scene.frame_rates[index]
     count = max(1, round(scene.seconds * fps))
@@ -107,16 +107,16 @@ def camera_job(simulated: SimulatedScene, camera: str, options: RenderOptions) -
 
 
 def render_camera(simulated: SimulatedScene, camera: str, options: RenderOptions) -> Iterator[Picture]:
-    """The pictures (H, W, 3) of one camera, from its frame 1 on; the same scene and options give the same pictures.
+    """Render the pictures (H, W, 3) of one camera, from frame 1 on; the same scene and options give the same pictures.
 
-    Light, world and clothes are the scene's, noise and gain the camera's own: everything is drawn from generators that nothing
-    else of the simulation uses. Raises `KeyError` for a camera that the scene has not.
+    All cameras of the scene share light, textures and clothes; noise and gain differ by camera. All are drawn from random
+    generators that no other part of the simulation uses. Raises `KeyError` for a camera that the scene does not have.
     """
     return pictures(camera_job(simulated, camera, options))
 
 
 def pictures(job: CameraJob) -> Iterator[Picture]:
-    """The pictures of a job."""
+    """Render the pictures (H, W, 3) of a job."""
     cv2.setNumThreads(1)
     seeds = np.random.SeedSequence((SALT, job.seed, list(PRESETS).index(job.preset)))
     lighting, building, dressing, graining, sensing = (np.random.default_rng(seed) for seed in seeds.spawn(5))
@@ -141,14 +141,14 @@ def pictures(job: CameraJob) -> Iterator[Picture]:
 
 
 def _grain(rng: np.random.Generator) -> NDArray[np.float32]:
-    """(128, 128) smooth noise of unit variance that continues over its borders."""
+    """Draw smooth periodic noise (128, 128) of unit variance."""
     field = np.tile(rng.standard_normal((128, 128)).astype(np.float32), (3, 3))
     smooth = (cv2.GaussianBlur(field, (0, 0), 1.2) + 2 * cv2.GaussianBlur(field, (0, 0), 3.0))[128:256, 128:256]
     return np.asarray(smooth / smooth.std(), dtype=np.float32)
 
 
 class Sensor:
-    """One camera's sensor."""
+    """The sensor of one camera: blur, gain, drift of the light, and noise."""
 
     def __init__(self, size: tuple[int, int], options: RenderOptions, rng: np.random.Generator) -> None:
         """Draw the sensor of a camera whose pictures have `size` (width, height)."""
@@ -159,7 +159,7 @@ class Sensor:
         self._bank = [self._field() for _ in range(BANK)] if options.noise > 0 else []
 
     def _field(self) -> NDArray[np.int16]:
-        """Noise of the asked strength in all channels, a third of its variance in common, slightly correlated in space."""
+        """Draw noise, slightly correlated in space, of the requested strength; channels share a third of the variance."""
         width, height = self._size[0] + MARGIN_PX, self._size[1] + MARGIN_PX
         common = self._rng.standard_normal((height, width, 1), dtype=np.float32)
         own = self._rng.standard_normal((height, width, 3), dtype=np.float32)
@@ -167,7 +167,7 @@ class Sensor:
         return np.asarray(np.round(field * (self._options.noise / field.std())), dtype=np.int16)
 
     def __call__(self, picture: Picture, seconds: float) -> Picture:
-        """The picture as the sensor delivers it at a time of the scene; frames must come in their order."""
+        """Return the picture with the sensor's effects at a world time; frames must come in order."""
         if self._options.blur_px > 0:
             picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), self._options.blur_px), dtype=np.uint8)
         drift = 1 + self._options.light_drift * np.sin(2 * np.pi * seconds / self._period + self._start)
@@ -188,14 +188,14 @@ def write_videos(
     executor: Executor | None = None,
     tell: Progress = silent,
 ) -> dict[str, Path]:
-    """Write `CAMERA.mp4` (H.264) for every camera, with the frame rates of the scene.
+    """Write `CAMERA.mp4` (H.264) for each camera, with the frame rates of the scene.
 
     Args:
         simulated: the scene.
-        folder: made where it is missing.
-        options: of the pictures.
-        executor: renders the cameras side by side; one after the other where it is None.
-        tell: called for each camera that is done.
+        folder: output folder; made if it is missing.
+        options: options of the pictures.
+        executor: renders the cameras in parallel; if None, they are rendered one after the other.
+        tell: called after each camera.
 
     Returns:
         Camera -> the path of its video.
@@ -210,7 +210,7 @@ def write_videos(
 
 
 def _write(job: tuple[CameraJob, Path]) -> None:
-    """Render and encode one camera; memory does not grow with its length."""
+    """Render and encode one camera; memory does not grow with the length of the video."""
     camera, path = job
     with VideoWriter(path, camera.camera.lens.size, camera.fps) as video:
         for picture in pictures(camera):

@@ -1,4 +1,4 @@
-"""What people wear: a colour for every quad of their surface, and which optional parts they have."""
+"""Clothes of people: a colour for each quad of their surface, and their optional parts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from passerby.simulation.rendering.mesh import OPTIONAL, Template
 
 Mask = NDArray[np.bool_]
 Colour = tuple[float, float, float]
-"""Blue, green, red; 0 to 255, as in full light."""
+"""Blue, green, red; 0 to 255, in full light."""
 
 SKINS: tuple[Colour, ...] = ((150, 180, 225), (135, 165, 215), (120, 150, 200), (95, 130, 185), (70, 100, 150), (50, 70, 110))
 HAIRS: tuple[Colour, ...] = ((25, 25, 30), (28, 35, 50), (40, 58, 85), (70, 110, 150), (110, 160, 195), (140, 140, 145))
@@ -27,15 +27,15 @@ PATTERNS = ("plain", "plain", "plain", "stripes", "halves", "jacket", "logo")
 
 @dataclass(frozen=True)
 class Outfit:
-    """How one person is dressed."""
+    """Clothes, hair and build of one person."""
 
     skin: Colour
     hair: Colour
     hair_style: str
-    """short | long | bald | cap (the hair's colour is then the cap's)."""
+    """short | long | bald | cap (`hair` is then the colour of the cap)."""
     shirt: Colour
     second: Colour
-    """The other colour of a pattern."""
+    """Second colour of the pattern."""
     pattern: str
     """plain | stripes | halves | jacket | logo | vest."""
     sleeves: str
@@ -46,11 +46,11 @@ class Outfit:
     shoes: Colour
     backpack: Colour | None
     build: float
-    """Factor on all widths."""
+    """Factor on all widths of the body."""
 
 
 def draw_outfits(clothes: str, count: int, rng: np.random.Generator) -> tuple[Outfit, ...]:
-    """Outfits of `count` people; `clothes` as in `RenderOptions`. Each person uses a child of `rng`."""
+    """Draw the outfits of `count` people; `clothes` as in `RenderOptions`. Each person uses a child of `rng`."""
     return tuple(_draw(clothes, person) for person in rng.spawn(count))
 
 
@@ -71,7 +71,7 @@ def _draw(clothes: str, rng: np.random.Generator) -> Outfit:
 
 
 def _cloth(rng: np.random.Generator) -> Colour:
-    """Any hue; one garment in three is white, grey or black."""
+    """Draw the colour of a garment: any hue; one in three is white, grey or black."""
     hue, saturation, value = rng.uniform(0, 1), rng.uniform(0.25, 0.9), rng.uniform(0.25, 0.95)
     if rng.uniform() < 0.35:
         saturation, value = 0.08, float(rng.choice((0.15, 0.3, 0.55, 0.9)))
@@ -86,11 +86,11 @@ class Wardrobe:
     colours: Floats
     """(P, F, 3) blue, green, red in full light."""
     worn: Mask
-    """(P, F) which quads a person has at all."""
+    """(P, F) whether a person has a quad."""
 
 
 def dress(template: Template, outfits: tuple[Outfit, ...]) -> Wardrobe:
-    """Colours of all people's quads."""
+    """Return the colours and the worn parts of all people's quads."""
     return Wardrobe(
         np.stack([_colours(template, outfit) for outfit in outfits]),
         np.stack([_find_worn(template, outfit) for outfit in outfits]),
@@ -136,13 +136,13 @@ def _colours(template: Template, outfit: Outfit) -> Floats:
     paint("skirt", outfit.trousers)
     paint("shoe", outfit.shoes)
     paint("backpack", outfit.backpack or (0.0, 0.0, 0.0))
-    # The soles are dark, the tops lit: shoes are read from this edge.
+    # The soles are dark and the tops are lit: this edge makes shoes recognisable.
     paint("shoe", (0.45 * np.array(outfit.shoes)).tolist(), lambda: front < -0.5)
     return colours
 
 
 def _paint_head(template: Template, outfit: Outfit, colours: Floats) -> None:
-    """Hair over the forehead and behind the ears; brows and mouth a little darker than the skin."""
+    """Paint hair over the forehead and behind the ears, and brows and mouth a little darker than the skin."""
     head, ring, front = template.faces("head"), template.ring, np.sin(template.angle)
     skin = np.array(outfit.skin)
     if outfit.hair_style != "bald":

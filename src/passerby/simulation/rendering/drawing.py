@@ -1,4 +1,4 @@
-"""Drawing people: their quads, lit and sorted by depth, into a small picture with coverage, and that over a frame."""
+"""Drawing of people: quads, lit and sorted by depth, give a small picture with coverage, which is drawn over a frame."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from passerby.simulation.rendering.mesh import Template, pose_surface, template
 from passerby.simulation.rendering.surroundings import SHADOW, Light
 
 FINE_FROM_PX = 110.0
-"""People less tall than this are drawn with the coarse template: its corners are then within a pixel."""
+"""Least height in the picture of people with the fine template. Below it, the coarse template's corners are within a pixel."""
 SUPERSAMPLING = 2
 SHIFT = 4
 """Fractional bits of the corners that are passed to OpenCV."""
 LIMIT_PX = 8000.0
-"""Corners farther outside the picture are moved to here: OpenCV's fixed-point numbers end."""
+"""Limit of the corners' coordinates in both directions, because OpenCV's fixed-point numbers have a limited range."""
 GRAIN = 0.05
-"""How much cloth varies in brightness, from fold to fold."""
+"""Relative variation of the brightness of cloth, from fold to fold."""
 SCALE = 2
-"""Shadows are drawn in a picture so many times smaller: their edges are soft anyway."""
+"""Shadows are drawn in a picture that is smaller by this factor, because their edges are soft."""
 SHADOW_SHIFT = 4
 EDGE_PX = 1.5
-"""Softness of the edge, pixels of the whole picture: half a degree of sun makes a centimetre per metre of height."""
+"""Sigma of the soft edge, pixels of the full picture: the sun's half degree makes a centimetre per metre of height."""
 CONTACT = 0.72
-"""Brightness right under a foot, where even the sky is hidden."""
+"""Brightness of the ground right under a foot, which hides even the sky, as a share."""
 CONTACT_M = 0.16
 CONTACT_FADE_M = 0.08
-"""Over this height of the foot the blot loses all but a third of its darkness."""
+"""Height of the foot at which its contact shadow has only about a third of its darkness."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A person who stands before a camera: the quads that face it, from the farthest to the nearest."""
+    """A person in front of a camera: the quads that face the camera, from the farthest to the nearest."""
 
     person: int
     depth: float
@@ -50,11 +50,11 @@ class Surface:
     low: Floats
     """(2,) left and top of the whole body in the picture, pixels."""
     high: Floats
-    """(2,) right and bottom."""
+    """(2,) right and bottom of the whole body, pixels."""
     polygons: Floats
-    """(Q, 4, 2) the quads' corners, pixels."""
+    """(Q, 4, 2) corners of the quads, pixels."""
     colours: Floats
-    """(Q, 3) their colours in the light of the scene."""
+    """(Q, 3) colours of the quads in the light of the scene."""
 
 
 class PeoplePainter:
@@ -66,10 +66,10 @@ class PeoplePainter:
         """Set up.
 
         Args:
-            camera: with a pose.
-            heights: (P,) metres.
-            outfits: of the P people.
-            light: of the scene.
+            camera: camera with a pose.
+            heights: (P,) standing heights, metres.
+            outfits: outfits of the P people.
+            light: light of the scene.
             grain: a field of about unit variance, for folds of cloth.
         """
         self._camera, self._heights, self._light, self._grain = camera, heights, light, grain
@@ -77,11 +77,11 @@ class PeoplePainter:
         self._wardrobes: dict[bool, Wardrobe] = {fine: dress(template(fine), outfits) for fine in (True, False)}
 
     def surfaces(self, joints: Floats, present: NDArray[np.bool_]) -> list[Surface]:
-        """Who is drawn, from the farthest to the nearest: those whom `observe.find_whole_in_view` leaves.
+        """Return the people to draw, selected by `observe.find_whole_in_view`, from the farthest to the nearest.
 
         Args:
             joints: (P, J, 3) world, metres.
-            present: (P,) who is there.
+            present: (P,) whether a person is present.
         """
         pose = self._camera.pose
         assert pose is not None
@@ -99,7 +99,7 @@ class PeoplePainter:
         return sorted(found, key=lambda surface: -surface.depth)
 
     def _pose_template(self, shape: Template, people: Ints, joints: Floats, depth: Floats) -> list[Surface]:
-        """The surfaces of those people who are in the picture at all."""
+        """Return the surfaces of the people who are at least partly in the picture."""
         if not len(people):
             return []
         points = pose_surface(shape, joints[people], self._heights[people], self._builds[people])
@@ -136,8 +136,8 @@ class PeoplePainter:
         frame[top:bottom, left:right] = cv2.add(behind, self._add_grain(patch[..., :3], surface, (int(left), int(top))))
 
     def _patch(self, surface: Surface, origin: tuple[int, int], size: tuple[int, int]) -> Picture:
-        """(h, w, 4) the person alone: colours times coverage, and coverage."""
-        # A pixel's middle has whole coordinates, in the finer picture too.
+        """Return a picture (h, w, 4) of the person alone: colours times coverage, and coverage."""
+        # The centre of a pixel has integer coordinates, also in the finer picture.
         fine = (surface.polygons - origin) * SUPERSAMPLING + (SUPERSAMPLING - 1) / 2
         polygons = np.round(np.clip(fine, -LIMIT_PX, LIMIT_PX) * (1 << SHIFT)).astype(np.int32)
         canvas = np.zeros((size[1] * SUPERSAMPLING, size[0] * SUPERSAMPLING, 4), dtype=np.uint8)
@@ -146,7 +146,7 @@ class PeoplePainter:
         return np.asarray(cv2.resize(canvas, size, interpolation=cv2.INTER_AREA))
 
     def _add_grain(self, colours: Picture, surface: Surface, origin: tuple[int, int]) -> Picture:
-        """The folds of cloth move with the person: the field is tied to the corner of the whole body's box."""
+        """Add folds of cloth, which move with the person: the field starts at the corner of the whole body's box."""
         low, high = surface.low, surface.high
         scale = 56.0 / max(float(high[1] - low[1]), 1.0)
         row = 61 * surface.person % 128
@@ -160,16 +160,16 @@ class PeoplePainter:
 
 
 class ShadowCaster:
-    """Darkens the ground of one camera's frames."""
+    """Draws the shadows of people on the ground of one camera's frames."""
 
     def __init__(self, camera: Camera, heights: Floats, outfits: tuple[Outfit, ...], light: Light) -> None:
         """Set up.
 
         Args:
-            camera: with a pose.
-            heights: (P,) metres.
-            outfits: of the P people.
-            light: of the scene.
+            camera: camera with a pose.
+            heights: (P,) standing heights, metres.
+            outfits: outfits of the P people.
+            light: light of the scene.
         """
         self._camera, self._heights, self._light = camera, heights, light
         width, height = camera.lens.size
@@ -179,12 +179,12 @@ class ShadowCaster:
         self._pieces = [np.unique(self._shape.piece[worn]).tolist() for worn in dress(self._shape, outfits).worn]
 
     def cast(self, frame: Picture, joints: Floats, present: NDArray[np.bool_]) -> None:
-        """Draw the shadows of all people, in place; of people outside the picture too.
+        """Draw the shadows of all people, in place, including people outside the picture.
 
         Args:
             frame: the background.
             joints: (P, J, 3) world, metres.
-            present: (P,) who is there.
+            present: (P,) whether a person is present.
         """
         people = np.flatnonzero(present)
         if not len(people):
@@ -198,7 +198,7 @@ class ShadowCaster:
             self._darken_ground(frame, brightness, touched)
 
     def _darken_ground(self, frame: Picture, brightness: Picture, touched: Sequence[int]) -> None:
-        """Multiply the part of the frame that shadows touch, with soft edges."""
+        """Darken the part of the frame that shadows touch, with soft edges."""
         pad = 4
         left, top = max(touched[0] - pad, 0), max(touched[1] - pad, 0)
         right, bottom = min(touched[0] + touched[2] + pad, self._size[0]), min(touched[1] + touched[3] + pad, self._size[1])
@@ -209,7 +209,7 @@ class ShadowCaster:
         part[:] = cv2.multiply(part, large, scale=1 / 255)
 
     def _sun(self, brightness: Picture, joints: Floats, people: NDArray[np.int64]) -> None:
-        """The shadow of each nearly convex piece of a body is the hull of its points' shadows."""
+        """Draw the shadow of each nearly convex piece of a body as the convex hull of its points' shadows."""
         sun = self._light.towards_sun
         points = pose_surface(self._shape, joints, self._heights[people], self._builds[people])
         points -= (np.maximum(points[..., 2:], 0.0) / sun[2]) * sun
@@ -222,7 +222,7 @@ class ShadowCaster:
                     self._fill(brightness, pixels[row, members], SHADOW)
 
     def _contacts(self, brightness: Picture, joints: Floats, heights: Floats) -> None:
-        """A dark blot around each foot that is on the ground; it fades as the foot rises."""
+        """Draw a dark contact shadow around each foot on the ground; it fades as the foot rises."""
         ends = [[JOINTS.index(f"{side}_{end}") for side in ("left", "right")] for end in ("heel", "toe")]
         heel, toe = (joints[:, end] for end in ends)
         lifted = np.minimum(heel[..., 2], toe[..., 2]) - 0.02 * heights[:, None]
@@ -244,7 +244,7 @@ class ShadowCaster:
         cv2.fillConvexPoly(brightness, cv2.convexHull(pixels), (round(255 * level),), cv2.LINE_8, SHADOW_SHIFT)
 
     def _project(self, points: Floats) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """(..., 2) pixels of the small picture with `SHADOW_SHIFT` fractional bits; (...) which points are ahead."""
+        """Return pixels (..., 2) of the small picture with `SHADOW_SHIFT` fractional bits; (...) whether points are ahead."""
         pose = self._camera.pose
         assert pose is not None
         ahead = np.einsum("...k,k->...", points, pose.R_cw[2]) + pose.t_cw[2] > NEAREST_M

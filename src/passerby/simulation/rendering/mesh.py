@@ -20,7 +20,7 @@ PARTS = ("trunk", "neck", "head", "arm", "hand", "leg", "shoe", "hair", "skirt",
 """Kinds of parts; the last four are worn by some people only."""
 OPTIONAL = ("hair", "skirt", "backpack", "brim")
 CONVEX = {"trunk": 4, "arm": 6, "leg": 5}
-"""So many bands of a part are nearly convex together: limbs are cut at the elbow and the knee. Other parts are convex."""
+"""Number of bands of a part that are nearly convex together: limbs are cut at elbow and knee. Other parts are convex."""
 
 _FRAMES = (
     ("chest", "pelvis"),
@@ -39,7 +39,7 @@ _FRAMES = (
         )
     ),
 )
-"""The axes around which rings lie, each from one joint to another; "up" is the world's. A bend's axis spans both its limbs."""
+"""Axes of the rings, each from one joint to another; "up" is the world's z. At an elbow or knee, the axis spans both limbs."""
 
 
 @dataclass(frozen=True)
@@ -49,16 +49,16 @@ class _Ring:
     first: str
     last: str
     place: float
-    """0 at the first joint, 1 at the last; may lie beyond."""
+    """0 at the first joint, 1 at the last; may be below 0 or above 1."""
     across: float
     """Half width along the body's left."""
     deep: float
-    """Half depth along the front."""
+    """Half depth along the body's front."""
     axis: tuple[str, str]
     ahead: float = 0.0
-    """How far in front of the joints' line."""
+    """Offset from the joints' line to the front."""
     above: float = 0.0
-    """How far above it, along the world's z."""
+    """Offset from the joints' line along the world's z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Template:
     """The surface of any person. V points in rings, F quads, whose corners run anticlockwise seen from outside."""
 
     first: Ints
-    """(V,) index of the joint at one end of the line that the ring lies around."""
+    """(V,) index of the joint at one end of the ring's line."""
     last: Ints
     """(V,) index of the joint at its other end."""
     place: Floats
@@ -74,36 +74,36 @@ class Template:
     axis: Ints
     """(V,) index of the ring's axis."""
     offsets: Floats
-    """(V, 3) from that line along the axis's left and front and along the world's z, fractions of the standing height."""
+    """(V, 3) offsets from that line along the axis's left and front and the world's z, fractions of the standing height."""
     quads: Ints
     """(F, 4) point indices."""
     part: Ints
     """(F,) index of `PARTS`."""
     ring: Ints
-    """(F,) number of the band between two rings in its part, from 0 at the top (the heel, for a shoe)."""
+    """(F,) number of the band between two rings in its part, from 0 at the top (of a shoe: at the heel)."""
     angle: Floats
     """(F,) radians about the axis: 0 on the body's left, pi / 2 in front."""
     piece: Ints
-    """(F,) nearly convex piece that a quad belongs to, for shadows."""
+    """(F,) number of the nearly convex piece of a quad, for shadows."""
     pieces: tuple[Ints, ...]
     """Indices of the points of each piece."""
 
     def faces(self, part: str) -> NDArray[np.bool_]:
-        """(F,) which quads belong to a kind of part."""
+        """Return whether quads belong to a kind of part, (F,)."""
         return np.asarray(self.part == PARTS.index(part))
 
 
 def pose_surface(template: Template, joints: Floats, heights: Floats, builds: Floats) -> Floats:
-    """The points of P people's surfaces.
+    """Compute the points of P people's surfaces.
 
     Args:
-        template: of V points.
+        template: surface with V points.
         joints: (P, J, 3) world, metres, from `body.pose_joints`.
         heights: (P,) standing heights, metres.
         builds: (P,) factor on all widths, about 1.
 
     Returns:
-        (P, V, 3) world, metres.
+        (P, V, 3) points, world, metres.
     """
     left, front = _axes(joints)
     start = joints[:, template.first]
@@ -116,7 +116,7 @@ def pose_surface(template: Template, joints: Floats, heights: Floats, builds: Fl
 
 
 def _axes(joints: Floats) -> tuple[Floats, Floats]:
-    """(P, A, 3) left and front of each axis, unit vectors across it."""
+    """Compute the left and the front of each axis, unit vectors (P, A, 3) perpendicular to it."""
     left = joints[:, JOINTS.index("left_shoulder")] - joints[:, JOINTS.index("right_shoulder")]
     left = left / np.linalg.norm(left, axis=-1, keepdims=True)
     first = [JOINTS.index(first) for first, _ in _FRAMES if first != "up"]
@@ -133,7 +133,7 @@ def _axes(joints: Floats) -> tuple[Floats, Floats]:
 
 @cache
 def template(fine: bool) -> Template:
-    """The surface with about 800 quads for people near the camera, or 300 for small ones."""
+    """Return the surface with about 800 quads for people near the camera, or with about 300 for small people in the picture."""
     builder = _Builder()
     for part, rings, sides, power in _tubes():
         builder.add(part, rings, sides if fine else max(5, round(0.55 * sides)), power)
@@ -141,7 +141,7 @@ def template(fine: bool) -> Template:
 
 
 class _Builder:
-    """Collects the tubes of a template."""
+    """A collector of the tubes of a template."""
 
     def __init__(self) -> None:
         self._points: list[tuple[int, int, float, int, float, float, float]] = []
@@ -150,7 +150,7 @@ class _Builder:
         self._pieces: list[list[int]] = []
 
     def add(self, part: str, rings: Sequence[_Ring], sides: int, power: float) -> None:
-        """A tube; its ends are closed where the outer rings are small. Below a power of 1 the rings are squarish."""
+        """Add a tube; small outer rings close its ends. With a power below 1 the rings are nearly square."""
         angles = 2 * np.pi * np.arange(sides) / sides
         c, s = (np.sign(wave) * np.abs(wave) ** power for wave in (np.cos(angles), np.sin(angles)))
         base = len(self._points)
@@ -171,7 +171,7 @@ class _Builder:
                 self._faces.append((PARTS.index(part), row, angle, len(self._pieces) - 1))
 
     def template(self) -> Template:
-        """All that was added."""
+        """Return the template of all tubes."""
         points = np.array(self._points)
         faces = np.array(self._faces)
         return Template(
@@ -190,7 +190,7 @@ class _Builder:
 
 
 def _tubes() -> list[tuple[str, list[_Ring], int, float]]:
-    """Part, rings from the top down, number of sides, squareness."""
+    """Return, for each tube: part, rings from the top down, number of sides, and power (see `_Builder.add`)."""
     tubes = [
         ("trunk", _trunk(), 16, 0.85),
         ("neck", _neck(), 8, 1.0),
@@ -211,7 +211,7 @@ def _tubes() -> list[tuple[str, list[_Ring], int, float]]:
 
 
 def _trunk() -> list[_Ring]:
-    """Pelvis at 0, shoulders at 1."""
+    """Return the rings of the trunk; the pelvis is at place 0, the shoulders at 1."""
     rows = (
         (1.17, 0.030, 0.030, -0.004),
         (1.13, 0.050, 0.036, -0.006),
@@ -241,7 +241,7 @@ def _neck() -> list[_Ring]:
 
 
 def _head() -> list[_Ring]:
-    """Egg-shaped, the chin in front; the crown reaches exactly as high as the head's sphere."""
+    """Return an egg-shaped head with the chin in front; its crown is exactly as high as the head's sphere."""
     rows = (
         (0.0545, 0.006, 0.006, -0.004),
         (0.050, 0.022, 0.027, -0.004),
@@ -259,7 +259,7 @@ def _head() -> list[_Ring]:
 
 
 def _long_hair() -> list[_Ring]:
-    """Falls behind the head onto the shoulders."""
+    """Return long hair, which falls behind the head onto the shoulders."""
     rows = ((0.046, 0.018, 0.016, -0.024), (0.030, 0.041, 0.032, -0.026), (0.0, 0.049, 0.036, -0.026),
             (-0.04, 0.050, 0.036, -0.024), (-0.08, 0.048, 0.030, -0.024), (-0.105, 0.046, 0.024, -0.028),
             (-0.11, 0.008, 0.008, -0.030))  # fmt: skip
@@ -267,20 +267,20 @@ def _long_hair() -> list[_Ring]:
 
 
 def _brim() -> list[_Ring]:
-    """A cap's peak."""
+    """Return the brim of a cap."""
     rows = ((0.026, 0.040, 0.012, 0.046), (0.023, 0.038, 0.022, 0.052), (0.020, 0.020, 0.008, 0.050))
     return [_Ring("head", "head", 0.0, across, deep, ("up", "up"), ahead, above) for above, across, deep, ahead in rows]
 
 
 def _skirt(side: str) -> list[_Ring]:
-    """Half of a skirt: from the waist to above the knee, around the thigh, so that it follows a bend of the hips."""
+    """Return half of a skirt, from the waist to above the knee; it lies around the thigh and so follows a bend of the hips."""
     hip, knee = f"{side}_hip", f"{side}_knee"
     rows = ((-0.30, 0.030, 0.050), (-0.10, 0.050, 0.066), (0.20, 0.056, 0.070), (0.55, 0.058, 0.070), (0.85, 0.060, 0.072))
     return [_Ring(hip, knee, place, across, deep, (hip, knee)) for place, across, deep in rows]
 
 
 def _backpack() -> list[_Ring]:
-    """Flat: what it adds to the body's outline is within a fiftieth of the height."""
+    """Return a flat backpack: it enlarges the body's outline by less than a fiftieth of the height."""
     rows = ((1.02, 0.030, 0.010), (0.98, 0.062, 0.030), (0.75, 0.072, 0.036), (0.50, 0.072, 0.036), (0.32, 0.064, 0.032),
             (0.28, 0.030, 0.010))  # fmt: skip
     axis = ("chest", "pelvis")
@@ -331,7 +331,7 @@ def _leg(side: str) -> list[_Ring]:
 
 
 def _shoe(side: str) -> list[_Ring]:
-    """From the heel to the toe; the front of this axis is up."""
+    """Return a shoe from the heel to the toe; the front of this axis points up."""
     heel, toe = f"{side}_heel", f"{side}_toe"
     axis = (heel, toe)
     rows = ((-0.16, 0.010, 0.010, 0.0), (-0.10, 0.020, 0.021, 0.002), (0.10, 0.025, 0.030, 0.010), (0.30, 0.026, 0.030, 0.010),

@@ -1,4 +1,4 @@
-"""What stands around the area, the ground of each preset, their textures, and the light."""
+"""Buildings and objects around the area, the ground of each preset, their textures, and the light."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from passerby.common.arrays import Floats
 from passerby.simulation.options import Preset
 
 BEHIND_M = {"terrace": 7.0, "basketball": 9.0, "construction": 12.0}
-"""From the cameras' rectangle to the buildings."""
+"""Distance from the cameras' rectangle to the buildings."""
 PLASTERS = ((150, 165, 180), (120, 135, 165), (165, 170, 170), (105, 115, 130), (140, 170, 190), (90, 105, 150))
 CRATES = ((70, 95, 125), (110, 105, 60), (60, 60, 140), (95, 100, 100), (70, 120, 80), (50, 130, 170))
 WINDOW_M, STOREY_M, HOUSE_M = 2.4, 3.1, 9.0
 Field = NDArray[np.float32]
 TILE = 256
-"""Cells after which a texture repeats."""
+"""Number of cells after which a texture repeats."""
 STONE_M = 0.6
 COARSE = (5.0, 1.7, 0.6)
 FINE = (0.25, 0.09, 0.03)
@@ -27,12 +27,12 @@ WHITE = (225.0, 228.0, 228.0)
 COURT_SHARE = 0.42
 """Half of the court's extent as a share of the area: its lines lie inside the area where people run."""
 ELEVATION_DEG = (38.0, 60.0)
-"""How high the sun may stand: shadows are then 0.6 to 1.3 times as long as people are tall."""
+"""Range of the sun's elevation: shadows are then 0.6 to 1.3 times as long as people are tall."""
 AMBIENT = 0.52
 SUN = 0.62
 OVERCAST = 0.92
 SHADOW = 0.55
-"""Ground in the shadow is this bright, of its brightness in the sun: sky light alone reaches it."""
+"""Brightness of ground in the shadow, where only sky light reaches it, as a share of its brightness in the sun."""
 
 
 @dataclass(frozen=True)
@@ -45,19 +45,17 @@ class Block:
 
     @property
     def middle(self) -> Floats:
-        """(3,) its centre."""
+        """(3,) centre of the block."""
         return np.asarray((np.array(self.low) + np.array(self.high)) / 2)
 
     @property
     def radius(self) -> float:
-        """Of the sphere around it."""
+        """Radius of the sphere around the block, metres."""
         return float(np.linalg.norm(np.array(self.high) - np.array(self.low)) / 2)
 
 
 def draw_blocks(name: str, preset: Preset, rng: np.random.Generator) -> tuple[Block, ...]:
-    """Boxes and posts in the ring between the cameras and the buildings, where no person walks and no camera looks past
-    them.
-    """
+    """Draw boxes and posts between the cameras and the buildings, where no person walks and where they hide no person."""
     inner = np.asarray(preset.area_m) / 2 + preset.standoff_m + 1.2
     room = BEHIND_M[name] - 2.4
     blocks = []
@@ -79,15 +77,15 @@ def draw_blocks(name: str, preset: Preset, rng: np.random.Generator) -> tuple[Bl
 
 
 def meet(block: Block, origin: Field, rays: Field) -> tuple[Field, NDArray[np.int64]]:
-    """Where rays enter a block.
+    """Compute where rays enter a block.
 
     Args:
         block: the block.
-        origin: (3,) or (N, 3) where the rays start, metres.
+        origin: (3,) or (N, 3) start of the rays, metres.
         rays: (N, 3) or (3,) directions.
 
     Returns:
-        (N,) distance in units of the ray's length, infinite where it misses; (N,) the axis (0, 1, 2) of the side that it meets.
+        (N,) distance in units of the ray's length, infinite for a miss; (N,) the axis (0, 1, 2) normal to the side that is hit.
     """
     entries, enter, leave = [], np.float32(-np.inf), np.float32(np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -102,7 +100,7 @@ def meet(block: Block, origin: Field, rays: Field) -> tuple[Field, NDArray[np.in
 
 
 def sky(rays: Field, light: Light, noise: Noise) -> Field:
-    """(..., 3) colours of the sky in the directions of unit rays (..., 3)."""
+    """Compute colours (..., 3) of the sky in the directions of unit rays (..., 3)."""
     up = np.clip(rays[..., 2], 0.02, 1)
     cloud = noise.smooth(rays[..., 0] / up + 20, rays[..., 1] / up, 1.3) + 0.5 * noise.smooth(
         rays[..., 1] / up, rays[..., 0] / up, 0.4
@@ -115,17 +113,17 @@ def sky(rays: Field, light: Light, noise: Noise) -> Field:
 
 
 def wall(along: Field, up: Field, side: Field, footprint: Field, noise: Noise) -> tuple[Field, Field]:
-    """Buildings with windows, hedges and trees before them.
+    """Compute the colours of buildings with windows, and of hedges and trees in front of them.
 
     Args:
         along: place along a side of the surroundings, metres.
         up: height over the ground, metres.
         side: number of the side, 0 to 3.
         footprint: size of a pixel there, metres.
-        noise: of the scene.
+        noise: noise of the scene.
 
     Returns:
-        (..., 3) colours in full light; (...) whether there is anything: the rest is sky.
+        (..., 3) colours in full light; (...) whether there is a building or a plant: the rest is sky.
     """
     house, own = np.floor(along / HOUSE_M), 40 * side
     roof = 7.0 + 4.5 * noise.of_cells(house, own + 1)
@@ -157,16 +155,16 @@ class Noise:
         self._tile = rng.uniform(-1, 1, (TILE, TILE)).astype(np.float32)
 
     def smooth(self, x: Field, y: Field, cell: float) -> Field:
-        """About -1 to 1, interpolated between values at every `cell` metres of the places `x`, `y` (any shape)."""
+        """Return values of about -1 to 1 at places `x`, `y` (any shape), interpolated between values at every `cell` metres."""
         u, v = (axis * np.float32(1 / cell) for axis in (x, y))
         return np.asarray(cv2.remap(self._tile, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), dtype=np.float32)
 
     def of_cells(self, column: Field, row: Field) -> Field:
-        """-1 to 1, one value for each cell by its whole numbers."""
+        """Return one value, -1 to 1, for each cell by its integer column and row."""
         return self._tile[np.mod(row, TILE).astype(np.int64), np.mod(column, TILE).astype(np.int64)]
 
     def octaves(self, x: Field, y: Field, cells: Sequence[float], footprint: Field) -> Field:
-        """A sum over several sizes of cells; cells smaller than the pixel's `footprint` (metres) fade away."""
+        """Return the sum over several sizes of cells; cells smaller than the pixel's `footprint` (metres) fade out."""
         total = np.zeros_like(x)
         for cell in cells:
             total += np.clip(cell / (2 * footprint) - 0.25, 0, 1) * self.smooth(x, y, cell)
@@ -174,11 +172,11 @@ class Noise:
 
 
 def line(distance: Field, width: float, footprint: Field) -> Field:
-    """How much of a pixel a line covers, 0 to 1.
+    """Compute the share of a pixel that a line covers, 0 to 1.
 
     Args:
-        distance: metres from the line's middle.
-        width: of the line, metres.
+        distance: distance from the line's middle, metres.
+        width: width of the line, metres.
         footprint: width of the pixel on the surface, metres.
     """
     cover = np.clip(((width + footprint) / 2 - np.abs(distance)) / footprint, 0, 1)
@@ -186,32 +184,32 @@ def line(distance: Field, width: float, footprint: Field) -> Field:
 
 
 def grid(place: Field, pitch: float) -> Field:
-    """Distance from the nearest multiple of `pitch`, metres."""
+    """Compute the distance from the nearest multiple of `pitch`, metres."""
     return np.asarray(np.abs(np.mod(place + pitch / 2, np.float32(pitch)) - np.float32(pitch / 2)), dtype=np.float32)
 
 
 def mixed(colour: Field, other: Sequence[float] | Field, weight: Field) -> Field:
-    """`colour` (..., 3) with the share `weight` (...) of another one."""
+    """Mix `colour` (..., 3) with the share `weight` (...) of another one."""
     return np.asarray(colour + weight[..., None] * (np.asarray(other, dtype=np.float32) - colour), dtype=np.float32)
 
 
 def ground(name: str, preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) -> Field:
-    """(..., 3) colours of the ground in full light.
+    """Compute colours (..., 3) of the ground in full light.
 
     Args:
-        name: of the preset.
-        preset: its area.
+        name: name of the preset.
+        preset: the preset, for its area.
         x: place on the ground from the area's middle, metres.
-        y: the same, the other axis.
+        y: the same along the other axis.
         footprint: size of a pixel there, metres.
-        noise: of the scene.
+        noise: noise of the scene.
     """
     surface = {"terrace": _paving, "basketball": _court, "construction": _site}[name]
     return surface(preset, x, y, footprint, noise)
 
 
 def _paving(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) -> Field:
-    """Stones of slightly different greys, dark joints, stains."""
+    """Compute the colours of paving stones in slightly different greys, with dark joints and stains."""
     own = noise.of_cells(np.floor(x / STONE_M + 0.5), np.floor(y / STONE_M + 0.5)) * np.clip(STONE_M / (2 * footprint), 0, 1)
     level = 150 + 9 * own + 13 * noise.octaves(x, y, COARSE, footprint) + 11 * noise.octaves(y, x, FINE, footprint)
     tint = 4 * noise.smooth(x + 50, y, 1.1)
@@ -223,7 +221,7 @@ def _paving(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) 
 
 
 def _court(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) -> Field:
-    """A painted court with white lines, asphalt around it."""
+    """Compute the colours of a painted court with white lines, and of asphalt around it."""
     half_x, half_y = (np.float32(COURT_SHARE * extent) for extent in preset.area_m)
     inside = ((np.abs(x) < half_x) & (np.abs(y) < half_y)).astype(np.float32)
     rough = 9 * noise.octaves(x, y, COARSE, footprint) + 12 * noise.octaves(y, x, FINE, footprint)
@@ -248,7 +246,7 @@ def _court(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) -
 
 
 def _site(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) -> Field:
-    """Earth with gravel and tyre tracks, and a slab of concrete."""
+    """Compute the colours of earth with gravel and tyre tracks, and of a slab of concrete."""
     coarse, fine = noise.octaves(x, y, COARSE, footprint), noise.octaves(y, x, FINE, footprint)
     level = 128 + 20 * coarse + 20 * fine
     earth = np.stack([0.72 * level, 0.88 * level, level], axis=-1)
@@ -266,7 +264,7 @@ def _site(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) ->
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """Where the light comes from."""
+    """The light of the scene."""
 
     towards_sun: Floats
     """(3,) unit vector, world."""
@@ -274,13 +272,13 @@ class Light:
 
     @classmethod
     def drawn(cls, sunny: bool, rng: np.random.Generator) -> Light:
-        """A sun anywhere in the sky, at a moderate height."""
+        """Draw a sun of any azimuth, at an elevation in `ELEVATION_DEG`."""
         azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(*ELEVATION_DEG))
         flat = np.cos(elevation)
         return cls(np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]), sunny)
 
     def on(self, normals: Floats) -> Floats:
-        """(..., 1) brightness of surfaces with unit normals (..., 3): Lambert's law, less sky where they look down."""
+        """Compute the brightness (..., 1) by unit normals (..., 3): Lambert's law, with less sky light if facing down."""
         sky = 0.80 + 0.20 * normals[..., 2:]
         if not self.sunny:
             return np.asarray(OVERCAST * sky)

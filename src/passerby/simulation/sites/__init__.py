@@ -1,7 +1,8 @@
 """Sites of many cameras with known truth: floors of corridors and halls, people with destinations, boxes only.
 
-`plan` (zones, doors, stairs, where cameras hang), `sight` (which ground each camera sees), `walkers` (who is where and when),
-`site` (all of it together, camera by camera) and `write`. Time and memory grow linearly with the number of cameras.
+The modules are `plan` (zones, doors, stairs, places of cameras, and the ground that each camera sees), `walkers` (positions of
+people over time) and `site` (the whole site, camera by camera, and its folder). Time and memory grow linearly with the number
+of cameras.
 """
 
 from passerby.simulation.sites.site import Site, simulate_site, write_site

@@ -1,10 +1,10 @@
 """The plan of an airport: floors with a corridor each, halls along it behind doors, stairs at its ends, and cameras.
 
-A floor is a plane of its own: cameras of different floors share no ground. All zones are rectangles, so that a person
-who is in one walks straight from any of its points to any other.
+Each floor is a separate plane: cameras of different floors share no ground. All zones are rectangles, so that a person can walk
+straight between any two points of a zone.
 
-The ground is a raster of `CELL_M`. A camera looks only at the cells around it, and is compared only with cameras whose cells
-it can share.
+The ground is a raster of `CELL_M`. A camera looks only at the cells around it, and is compared only with cameras that can see
+the same cells.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from passerby.core.cameras import Camera
 from passerby.simulation.lenses import before_fold
 
 CAMERAS_PER_FLOOR = 50
-"""A floor has about so many; the floors of a site differ by one camera at most."""
+"""Approximate number of cameras on a floor; the floors of a site differ by one camera at most."""
 CORRIDOR_WIDTH_M, WALL_M = 8.0, 0.5
 HALL_M = (24.0, 18.0)
 DOOR_M = (17.0, 19.0)
-"""From the hall's west wall: where the door's sides are."""
+"""Distances of the door's two sides from the hall's west wall."""
 CORRIDOR_CAMERAS, HALL_CAMERAS = 3, 4
-"""Of a unit: a hall, and the corridor beside it. Cameras that are left over lengthen the corridor."""
+"""Number of cameras of a unit: of the corridor beside a hall, and of the hall. Further cameras lengthen the corridor."""
 PITCH_M = HALL_M[0] + WALL_M
 BEYOND_LAST_M = 22.0
-"""The corridor goes on behind its last camera by so much: what that camera sees."""
+"""Length of the corridor beyond its last camera, which sees this part."""
 LEVELS, LEVEL_M, BUILDING_M = 4, 5.0, 60.0
-"""Floors lie `LEVEL_M` above each other, so many in a building; buildings are `BUILDING_M` apart along y."""
+"""Number of floors in a building, height from floor to floor, and distance between buildings along y."""
 STAIRS_S, PASSAGE_S = 12.0, 45.0
-"""What it takes from floor to floor, within a building and between buildings; no camera sees it."""
+"""Time from floor to floor within a building, and between buildings; no camera sees people on the stairs."""
 AIM_M = 8.0
-"""Cameras of a corridor look at a point so far ahead."""
+"""Distance along the corridor between its camera and the point that the camera looks at."""
 CELL_M = 0.5
 RANGE_M = 24.0
-"""People farther away are not detected: they are about 60 pixels high there."""
+"""Maximum distance of detected people; at this distance they are about 60 pixels high."""
 STANDING_M = 1.7
-"""A cell is seen where a person of this height is in the image as a whole."""
+"""A camera sees a cell if a person of this height there is in the image as a whole."""
 RAY_STEP_M = 0.25
 SIDE = 0.25
-"""People whose feet and head are farther outside the image than this share of its width are not in it at all."""
+"""Maximum distance of feet and head beside the image, as a share of its width, for people who may be partly in it."""
 
 
 @dataclass(frozen=True)
@@ -57,31 +57,31 @@ class Zone:
 
     @property
     def area_m2(self) -> float:
-        """Square metres."""
+        """Area, square metres."""
         return (self.high[0] - self.low[0]) * (self.high[1] - self.low[1])
 
 
 @dataclass(frozen=True)
 class Link:
-    """A door or stairs between two zones: a segment on the border of each, and what it takes to pass."""
+    """A door or stairs between two zones: a segment on the border of each zone, and the time to pass."""
 
     zones: tuple[int, int]
     ends: tuple[Floats, Floats]
     """For each zone (2, 2): the segment's end points, world, metres."""
     seconds: float
-    """0 for a door, which is passed at walking speed."""
+    """Time to pass; 0 for a door, which people pass at walking speed."""
 
 
 @dataclass(frozen=True)
 class Mount:
-    """Where a camera hangs."""
+    """The place of a camera."""
 
     floor: int
     zone: int
     ground: tuple[float, float]
-    """Below the camera."""
+    """Point on the floor below the camera."""
     aim: tuple[float, float]
-    """The point on the floor above which it looks."""
+    """Point on the floor below the point that the camera looks at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,17 +91,17 @@ class SitePlan:
     zones: tuple[Zone, ...]
     links: tuple[Link, ...]
     mounts: tuple[Mount, ...]
-    """One for each camera, in the order of their names."""
+    """Places of the cameras, in the order of their names."""
     floor_z_m: tuple[float, ...]
-    """Height of each floor."""
+    """Height of each floor, metres."""
 
     @property
     def floors(self) -> Ints:
-        """(C,) floor of each camera."""
+        """(C,) number of each camera's floor."""
         return np.array([mount.floor for mount in self.mounts])
 
     def free(self, floor: int) -> list[tuple[float, float, float, float]]:
-        """Where the floor is open, as rectangles (x low, y low, x high, y high): zones and doorways."""
+        """Return the open parts of a floor, zones and doorways, as rectangles (x low, y low, x high, y high)."""
         own = {index: zone for index, zone in enumerate(self.zones) if zone.floor == floor}
         found = [(*zone.low, *zone.high) for zone in own.values()]
         for link in self.links:
@@ -112,7 +112,7 @@ class SitePlan:
 
 
 def airport(n_cameras: int, rng: np.random.Generator) -> SitePlan:
-    """The plan for so many cameras; positions and aims are jittered by `rng`."""
+    """Return the plan for a number of cameras; positions and aims are jittered by `rng`."""
     n_floors = max(1, round(n_cameras / CAMERAS_PER_FLOOR))
     if n_cameras >= 2 * (CORRIDOR_CAMERAS + HALL_CAMERAS):
         n_floors = max(2, n_floors)
@@ -132,7 +132,7 @@ def airport(n_cameras: int, rng: np.random.Generator) -> SitePlan:
 def _add_floor(
     floor: int, n_cameras: int, zones: list[Zone], links: list[Link], mounts: list[Mount], rng: np.random.Generator
 ) -> None:
-    """A corridor along x, halls to its north, and their cameras."""
+    """Add a corridor along x, halls to its north, and their cameras."""
     south = BUILDING_M * (floor // LEVELS)
     north = south + CORRIDOR_WIDTH_M
     units = n_cameras // (CORRIDOR_CAMERAS + HALL_CAMERAS)
@@ -160,17 +160,17 @@ def _add_floor(
 
 
 def _round_to_raster(length: float) -> float:
-    """The length in whole half metres, the raster on which walls are."""
+    """Round a length up to whole half metres, the raster of the walls."""
     return float(np.ceil(2 * length) / 2)
 
 
 def _level(sides: Floats, y: float) -> Floats:
-    """(2, 2) the segment at `y` between two x."""
+    """Return the end points (2, 2) of the segment at `y` between two x."""
     return np.column_stack([sides, np.full(2, y)])
 
 
 def _stairs(zones: list[Zone], lower: int, upper: int) -> list[Link]:
-    """Stairs at both ends between two corridors."""
+    """Return the stairs between two corridors, at both ends."""
     one, other = zones[lower], zones[upper]
     seconds = STAIRS_S if one.floor // LEVELS == other.floor // LEVELS else PASSAGE_S
     found = []
@@ -185,18 +185,18 @@ def _stairs(zones: list[Zone], lower: int, upper: int) -> list[Link]:
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """The cells around one camera."""
+    """The cells that one camera sees, in a window of cells around it."""
 
     floor: int
     corner: tuple[int, int]
-    """Of the window: its first cell's numbers along x and y."""
+    """Numbers of the window's first cell along x and y."""
     in_view: Bools
-    """(X, Y) cells in range, to which no wall bars the view, on which a part of a person may be in the image."""
+    """(X, Y) whether a cell is in range, no wall hides it, and a part of a person there may be in the image."""
     seen: Bools
-    """(X, Y) those of them on which a standing person is whole in the image."""
+    """(X, Y) whether, in addition, a standing person there is whole in the image."""
 
     def lets_see(self, xy: Floats) -> Bools:
-        """(...) whether a part of a person at places (..., 2) of this floor may be in the image."""
+        """Return whether a part of a person at places (..., 2) of this floor may be in the image, (...)."""
         cell = np.floor(np.asarray(xy) / CELL_M).astype(np.int64) - self.corner
         inside = np.asarray(((cell >= 0) & (cell < self.in_view.shape)).all(axis=-1))
         cell = np.where(inside[..., None], cell, 0)
@@ -204,18 +204,18 @@ class Sight:
 
     @property
     def cells(self) -> Ints:
-        """(N, 2) numbers of the cells that are seen."""
+        """(N, 2) numbers of the cells that are seen, along x and y."""
         return np.argwhere(self.seen) + self.corner
 
 
 def sight_of(camera: Camera, plan: SitePlan, index: int, free: Sequence[tuple[float, float, float, float]]) -> Sight:
-    """What one camera sees.
+    """Compute the cells that one camera sees.
 
     Args:
-        camera: with its pose.
-        plan: of the site.
-        index: the camera's number.
-        free: where the camera's floor is open (`SitePlan.free`).
+        camera: camera with its pose.
+        plan: plan of the site.
+        index: index of the camera.
+        free: open parts of the camera's floor (`SitePlan.free`).
     """
     mount = plan.mounts[index]
     reach = int(np.ceil(RANGE_M / CELL_M))
@@ -247,7 +247,7 @@ def sight_of(camera: Camera, plan: SitePlan, index: int, free: Sequence[tuple[fl
 
 
 def _find_in_image(camera: Camera, ground: Floats, floor_z_m: float) -> tuple[Bools, Bools]:
-    """(N,) where a part of a standing person may be in the image, and (N,) where the whole of one is."""
+    """Return whether a part of a standing person may be in the image (N,), and whether the whole person is (N,)."""
     assert camera.pose is not None
     size = np.array(camera.lens.size)
     inside = []
@@ -263,7 +263,7 @@ def _find_in_image(camera: Camera, ground: Floats, floor_z_m: float) -> tuple[Bo
 
 
 def shared_ground(sights: Sequence[Sight]) -> dict[tuple[int, int], float]:
-    """Pairs of cameras that see ground in common: square metres, by numbers a < b."""
+    """Return the area of the common ground, square metres, by pairs of camera indices a < b."""
     owners: dict[tuple[int, int, int], list[int]] = {}
     for index, sight in enumerate(sights):
         for x, y in sight.cells.tolist():

@@ -1,4 +1,4 @@
-"""A simulated site: its truth, what each of its cameras reports, and its folder, written camera after camera."""
+"""A simulated site: its truth, the observations of its cameras, and its folder, which is written camera by camera."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from passerby.simulation.write import MEAN_SD, OPTIONS_FILE, SCENE_FILE
 PICTURE = (1280, 720)
 HEIGHT_JITTER_M, ROLL_DEG = 0.2, 2.0
 CHUNK_FRAMES = 25
-"""So many time steps of a camera are computed at once: few enough that most people near it are near it throughout."""
+"""Number of time steps of a camera that are computed together: so few that most people near it stay near it."""
 BUCKET_M, BUCKET_S = 12.0, 1.0
-"""People are found by where they are, to so many metres, every second."""
+"""Side of the squares, and time step, of the table by which people near a camera are found."""
 PEOPLE_AT_ONCE = 100
 
 
 @dataclass(frozen=True, eq=False)
 class SiteCamera:
-    """What one camera reports, and whom its boxes really show."""
+    """Observations of one camera, and the people that its boxes really show."""
 
     name: str
     seen: CameraObservations
-    """Identities are tracklet numbers of this camera; without joints."""
+    """Boxes without joints; identities are tracklet numbers of this camera."""
     true_identity: Ints
-    """(N,) of the boxes' rows, from 1; -1 for a box without a person."""
+    """(N,) true identity of each box, from 1; -1 for a box without a person."""
 
     @property
     def truth(self) -> Boxes:
@@ -63,20 +63,20 @@ class Site:
     """People 0, 1, ...; their identities are 1, 2, ..."""
     sights: tuple[Sight, ...]
     clock_offsets_s: Floats
-    """(C,) frame f of a camera shows the world at (f - 1) / fps + offset."""
+    """(C,) time offsets: frame f of a camera shows the world at (f - 1) / fps + offset."""
 
     @cached_property
     def shared_m2(self) -> dict[tuple[int, int], float]:
-        """Pairs of cameras, a < b, that see ground in common, and how much, square metres."""
+        """Pairs of cameras, a < b, that see ground in common -> the area of this ground, square metres."""
         return shared_ground(self.sights)
 
     def cameras(self) -> Iterator[SiteCamera]:
-        """What the cameras report, one after the other: nothing of a camera is kept when the next begins."""
+        """Compute the observations of the cameras one after the other, without keeping those of earlier cameras."""
         for index in range(len(self.rig)):
             yield self.camera(index)
 
     def camera(self, index: int) -> SiteCamera:
-        """What one camera reports; the same whether or not others were asked before."""
+        """Compute the observations of one camera; they do not depend on calls for other cameras."""
         options, name = self.options, self.rig.names[index]
         times = np.arange(options.n_frames) / options.fps + self.clock_offsets_s[index]
         parts = [
@@ -100,14 +100,14 @@ class Site:
         return SiteCamera(name, seen, true_identity)
 
     def _number_locally(self, identity: Ints, people: Ints) -> Ints:
-        """Identities as numbers among the people whom a camera sees, from 1; -1 stays."""
+        """Convert identities into numbers, from 1, among the people that a camera sees; -1 stays."""
         known = identity != UNKNOWN
         out = np.full(len(identity), UNKNOWN)
         out[known] = np.searchsorted(people, identity[known]) + 1
         return out
 
     def _chunk(self, index: int, start: int, times: Floats, rng: np.random.Generator) -> Detected | None:
-        """A stretch of one camera's recording; None where no person is near."""
+        """Compute the detections in a stretch of one camera's recording; None if no person may be in view."""
         people = self._find_near(index, float(times[0]), float(times[-1]))
         if not len(people):
             return None
@@ -126,7 +126,7 @@ class Site:
         return detect(view, frames, people + 1, camera.lens.size, self.options.faults, rng)
 
     def _find_near(self, index: int, begin_s: float, end_s: float) -> Ints:
-        """Numbers of the people who come near a camera between two times."""
+        """Return the numbers, from 0, of the people who come near a camera between two times."""
         mount = self.plan.mounts[index]
         low, high = (np.floor((np.array(mount.ground) + side * (RANGE_M + 2.0)) / BUCKET_M).astype(int) for side in (-1, 1))
         found = []
@@ -139,7 +139,7 @@ class Site:
 
     @cached_property
     def _buckets(self) -> dict[tuple[int, int, int], tuple[Ints, Floats]]:
-        """By floor and square: (N,) people and (N,) ascending seconds at which they are there."""
+        """(floor, square along x, along y) -> (N,) people in the square, and (N,) ascending times of it, seconds."""
         reach = float(np.abs(self.clock_offsets_s).max()) + 2 * BUCKET_S
         times = np.arange(-reach, self.options.seconds + reach, BUCKET_S)
         rows = []
@@ -169,9 +169,9 @@ _NOBODY = (np.zeros(0, dtype=np.int64), np.zeros(0))
 
 
 def simulate_site(options: SiteOptions) -> Site:
-    """The plan, the cameras and the people of a site; the same options give the same site, bit for bit.
+    """Simulate the plan, the cameras and the people of a site; the same options give the same site, bit for bit.
 
-    What a camera reports is computed when `Site.camera` is asked for it.
+    The observations of a camera are computed by a call of `Site.camera`.
     """
     plan = airport(options.cameras, options.rng(0))
     rig = _rig(plan, options)
@@ -206,17 +206,17 @@ def _join_boxes(parts: list[Boxes]) -> Boxes:
 
 @dataclass(frozen=True)
 class QuickLens(Lens):
-    """A pinhole lens of two radial coefficients: the pixels of `Lens`, to its last bits, in a fifth of OpenCV's time."""
+    """A pinhole lens with two radial coefficients: the same pixels as `Lens`, to the last bits, in a fifth of OpenCV's time."""
 
     @classmethod
     def of(cls, lens: Lens) -> QuickLens:
-        """The same lens. Tangential and higher coefficients, which simulated lenses have none of, must be zero."""
+        """Convert a lens. Its tangential and higher coefficients must be zero, as in all simulated lenses."""
         assert not lens.fisheye
         assert not lens.distortions[2:].any()
         return cls(**{item.name: getattr(lens, item.name) for item in fields(Lens)})
 
     def project_rays(self, points: Floats) -> Floats:
-        """(N, 2) pixels of points (N, 3) in the camera's frame; NaN behind it."""
+        """Compute the pixels (N, 2) of points (N, 3) in the camera's frame; NaN for points behind the camera."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         k1, k2 = self.distortions[:2]
         front = points[:, 2] > 0
@@ -230,15 +230,16 @@ class QuickLens(Lens):
 
 
 def write_site(site: Site, directory: str | Path, tell: Progress = silent) -> Path:
-    """Write a site's folder, whole or not at all, and return the path of its scene file.
+    """Write a site's folder, as a whole or not at all, and return the path of its scene file.
 
-    The folder holds what `write_scene` writes: `scene.toml` (identities to be found), `intrinsics.toml`, `tracks/CAMERA.txt`,
-    `embeddings/CAMERA.npz` on request, and the truth: `truth.toml`, `truth/CAMERA.txt`, `heights.csv`, `simulation.toml`. Of a
-    site's own are `cameras.csv` (floor, its height, and clock offset of each camera), `overlaps.csv` (pairs of cameras that see
-    ground in common, and how much) and `ground_positions.csv` (where people are each second, with their floor).
+    The folder holds the same files as that of `write_scene`: `scene.toml` (identities to be found), `intrinsics.toml`,
+    `tracks/CAMERA.txt`, `embeddings/CAMERA.npz` on request, and the truth: `truth.toml`, `truth/CAMERA.txt`, `heights.csv`,
+    `simulation.toml`. Only a site has `cameras.csv` (floor, its height, and clock offset of each camera), `overlaps.csv` (pairs
+    of cameras that see ground in common, and its area) and `ground_positions.csv` (positions of people each second, with their
+    floor).
 
-    `tell` is called for each camera that is done. A folder written by an earlier simulation is replaced as a whole. Raises
-    `InputError` for one that holds anything else, or that cannot be written.
+    `tell` is called after each camera. A folder written by an earlier simulation is replaced as a whole. Raises `InputError`
+    for a folder with any other content, and for one that cannot be written.
     """
     directory = Path(directory)
     with whole_folder(directory, OPTIONS_FILE, "a simulated scene") as new:
@@ -253,7 +254,7 @@ def write_site(site: Site, directory: str | Path, tell: Progress = silent) -> Pa
 
 
 def _write_camera(camera: SiteCamera, folder: Path) -> None:
-    # In the order in which they are written, so that the rows of the embeddings are those of the tracks.
+    # Sorted as in the written file, so that the rows of the embeddings are those of the tracks.
     boxes = camera.seen.boxes.take(np.lexsort((camera.seen.boxes.identity, camera.seen.boxes.frame)))
     write_boxes(folder / "tracks" / f"{camera.name}.txt", boxes)
     if boxes.embedding is not None:
@@ -282,7 +283,7 @@ def _write_truth(site: Site, folder: Path) -> None:
 
 
 def _positions(site: Site) -> Iterator[tuple[object, ...]]:
-    """Where people are at the first frame of each second, person after person."""
+    """Return the rows of `ground_positions.csv`: positions at the first frame of each second, person by person."""
     options = site.options
     frames = np.unique(np.round(np.arange(0.0, options.seconds, max(1.0, 1.0 / options.fps)) * options.fps).astype(int))
     for start in range(0, len(site.walkers), PEOPLE_AT_ONCE):
@@ -295,14 +296,14 @@ def _positions(site: Site) -> Iterator[tuple[object, ...]]:
 
 
 def _scene(site: Site, name: str) -> dict[str, Any]:
-    """The content of the scene file: nothing in it says where cameras are, or what their clocks' offsets are."""
+    """Return the content of the scene file; it states neither the poses of the cameras nor their clock offsets."""
     options = site.options
     cameras = {
         camera: {"intrinsics": "intrinsics.toml", "tracks": f"tracks/{camera}.txt"}
         | ({"embeddings": f"embeddings/{camera}.npz"} if options.embeddings != "none" else {})
         for camera in site.rig.names
     }
-    # Two clocks differ by up to twice what one is off by.
+    # Two clocks differ by up to twice the largest offset of one.
     search = {"max_offset_s": 2.0 * options.clock_offsets} if options.clock_offsets > 0 else {}
     return {
         "scene": {"name": name, "fps": float(options.fps)},
@@ -311,7 +312,7 @@ def _scene(site: Site, name: str) -> dict[str, Any]:
         "solver": {"method": "people"},
         "scale": {
             "person_height_m": options.person_height_mean_m,
-            # As in `write_scene`: a spread is not known to better than a centimetre.
+            # As in `write_scene`: heights are known to a centimetre at best.
             "person_height_sd_m": max(options.person_height_sd_m, 0.01),
             "person_height_mean_sd_m": MEAN_SD * options.person_height_mean_m,
         },

@@ -1,7 +1,7 @@
-"""People with destinations on a site: each walks through doors and over stairs, and stays for a while where it arrives.
+"""People with destinations on a site: they walk through doors and over stairs, and stay at each destination for a while.
 
-A person is a polyline in time. Its body at any time is computed when a camera asks for it, so that memory is that of the
-polylines, whatever the recording's rate.
+A person is stored as a polyline in time. Bodies are computed only for the times that a camera needs. Therefore memory does not
+depend on the recording's frame rate.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from passerby.simulation.options import MAX_CLOCK_OFFSET_S, SimulationOptions
 from passerby.simulation.sites.plan import Link, SitePlan
 
 SETTLING_S = 60.0
-"""People walk so long before the recording, so that no person starts at the initial place."""
+"""Time that people walk before the recording, so that no person is still at the initial place."""
 PAD_S = MAX_CLOCK_OFFSET_S + 2.0
 SPEED_MS, SPEED_SD_MS, LEG_SPREAD = (0.8, 1.8), 0.2, 0.1
-"""Of a person on average (mean 1.3), and how much it varies from leg to leg, as a share."""
+"""Range and standard deviation of a person's average speed (mean 1.3), and its variation from leg to leg, as a share."""
 MEAN_SPEED_MS = 1.3
 MARGIN_M = 0.6
-"""From walls."""
+"""Minimum distance of stops from walls."""
 STAY_S, STAYS = (3.0, 40.0), (1, 4)
-"""At a destination a person stops at so many points, for so long each."""
+"""Range of the length of a stop, and of the number of stops at a destination (below the upper limit)."""
 OTHER_FLOOR = 0.3
 """Share of the destinations on a neighbouring floor."""
 CORRIDOR_SHARE = 0.3
 """Share of the destinations in a corridor: shops, seats, people who wait."""
 CORNER_S = (-0.4, -0.2, 0.0, 0.2, 0.4)
-"""A place is the mean of those on the polyline at so many seconds from a time: no person turns on the spot."""
+"""Seconds from a time at which the polyline is sampled. A place is the mean of the samples, so no person turns on the spot."""
 NOWHERE = -1
 """The floor of a person on stairs."""
 SPAN_S = 1e5
-"""Times of one person are so far from the next one's in the list of all knots; longer than any recording."""
+"""Shift between the times of two people in the list of all knots; longer than any recording."""
 SITES = ("airport",)
 """Presets that are sites."""
 LEAST_CAMERAS, MOST_CAMERAS = 8, 1000
 PEOPLE_PER_CAMERA = 2
-"""Two people a camera: each camera then sees three to five people at a time, as several cameras see each person."""
+"""Number of people per camera. Several cameras see each person, so each camera sees three to five people at a time."""
 MOST_PER_CAMERA = 10
 
 
@@ -53,33 +53,33 @@ class Walkers:
     """P people as polylines, one after the other in the arrays of K knots."""
 
     heights: Floats
-    """(P,) metres."""
+    """(P,) standing heights, metres."""
     first: Ints
-    """(P + 1,) where each person's knots begin."""
+    """(P + 1,) index of each person's first knot; the last entry is K."""
     times: Floats
-    """(K,) seconds."""
+    """(K,) times of the knots, seconds."""
     xy: Floats
-    """(K, 2) metres."""
+    """(K, 2) positions of the knots, metres."""
     floor: Ints
-    """(K,) of the segment that begins at a knot; -1 on stairs."""
+    """(K,) floor of the segment that begins at a knot; -1 on stairs."""
     heading: Floats
-    """(K,) of that segment, radians; of one who stands, as before."""
+    """(K,) heading in that segment, radians; a person who stands keeps the heading of the last move."""
     speed: Floats
-    """(K,) of that segment, metres per second."""
+    """(K,) speed in that segment, metres per second."""
     phase: Floats
-    """(K,) gait cycles walked before the knot."""
+    """(K,) number of gait cycles before the knot."""
 
     def __len__(self) -> int:
-        """The number of people."""
+        """Return the number of people."""
         return len(self.heights)
 
     def places(self, people: Ints, times: Floats) -> tuple[Floats, Ints]:
-        """Where people are: (T, P, 2) metres and (T, P) floors, -1 on stairs. `people`: (P,) numbers from 0; `times`: (T,)."""
+        """Return places (T, P, 2), metres, and floors (T, P), -1 on stairs, of people (P,), numbers from 0, at times (T,)."""
         knot, xy = self._interpolate_polyline(people, times[:, None])
         return xy, self.floor[knot]
 
     def state(self, people: Ints, times: Floats) -> tuple[BodyState, Ints]:
-        """Bodies of people (P,) at times (T,), and (T, P) the floors that they are on, -1 on stairs."""
+        """Return the bodies of people (P,) at times (T,), and their floors (T, P), -1 on stairs."""
         taps = times[:, None, None] + np.array(CORNER_S)
         knot, xy = self._interpolate_polyline(people[:, None], taps)
         moving = self.speed[knot]
@@ -96,14 +96,14 @@ class Walkers:
 
     @cached_property
     def _keys(self) -> Floats:
-        """(K,) times, ascending over all people."""
+        """(K,) times of the knots, shifted by `SPAN_S` per person so that they ascend over all people."""
         return self.times + SPAN_S * np.repeat(np.arange(len(self)), np.diff(self.first))
 
     def _cadence(self, knot: Ints, people: Ints) -> Floats:
         return _cycles_per_second(self.speed[knot], self.heights[people])
 
     def _interpolate_polyline(self, people: Ints, times: Floats) -> tuple[Ints, Floats]:
-        """(...) the knot at or before times, and (..., 2) the place; people and times broadcast."""
+        """Return the knot at or before each time (...), and the place (..., 2); people and times are broadcast."""
         knot = np.searchsorted(self._keys, times + SPAN_S * people, side="right") - 1
         knot = np.clip(knot, self.first[people], self.first[people + 1] - 2)
         share = (times - self.times[knot]) / np.maximum(self.times[knot + 1] - self.times[knot], 1e-9)
@@ -112,7 +112,7 @@ class Walkers:
 
 
 def walk(plan: SitePlan, options: SiteOptions) -> Walkers:
-    """All people of a site, from before the first to after the last time that any camera's clock shows."""
+    """Simulate all people of a site, from before the first to after the last time that any camera's clock shows."""
     zones = _Zones.of(plan)
     until = options.seconds + PAD_S
     paths = [_path(plan, zones, until, options.rng(1, person)) for person in range(options.n_people)]
@@ -123,7 +123,7 @@ def walk(plan: SitePlan, options: SiteOptions) -> Walkers:
 
 @dataclass(frozen=True, eq=False)
 class _Zones:
-    """What a person has to know of the plan."""
+    """The part of the plan that a person's routes need."""
 
     by_floor: dict[int, dict[str, list[int]]]
     links: dict[int, list[Link]]
@@ -141,7 +141,7 @@ class _Zones:
         return cls(by_floor, links, np.array([zone.area_m2 for zone in plan.zones]))
 
     def destination(self, here: int, floor: int, rng: np.random.Generator) -> int:
-        """A zone to go to, on this floor or a neighbouring one."""
+        """Draw the next zone to visit, on this floor or a neighbouring one."""
         if rng.uniform() < OTHER_FLOOR:
             floor += int(rng.choice((-1, 1)))
             floor = floor if floor in self.by_floor else min(max(floor, 0), max(self.by_floor))
@@ -150,7 +150,7 @@ class _Zones:
         return int(rng.choice(kinds[kind]))
 
     def route(self, start: int, goal: int, rng: np.random.Generator) -> list[Link]:
-        """The links on the way with the fewest of them; of equally short ones any."""
+        """Return the links of the route with the fewest links; among equal routes the choice is random."""
         reached: dict[int, list[Link]] = {start: []}
         waiting = [start]
         for zone in waiting:
@@ -179,7 +179,7 @@ class _Path:
             self.wait(distance / speed, floor, to)
 
     def wait(self, seconds: float, floor: int, to: Floats | None = None) -> None:
-        """Spend time where one is, or on the way to a place."""
+        """Spend time at the current place, or on the way to another place."""
         self.floors[-1] = floor
         self.times.append(self.times[-1] + seconds)
         self.xy.append(self.xy[-1] if to is None else to)
@@ -187,7 +187,7 @@ class _Path:
 
 
 def _path(plan: SitePlan, zones: _Zones, until: float, rng: np.random.Generator) -> _Path:
-    """One person's trips until a time."""
+    """Draw the trips of one person until a time."""
     here = int(rng.choice(len(plan.zones), p=zones.area_m2 / zones.area_m2.sum()))
     own = float(np.clip(rng.normal(MEAN_SPEED_MS, SPEED_SD_MS), *SPEED_MS))
     path = _Path(_draw_inside(plan, here, rng), plan.zones[here].floor, -PAD_S - SETTLING_S)
@@ -227,7 +227,7 @@ def _walkers(paths: Sequence[_Path], heights: Floats) -> Walkers:
     length = np.hypot(step[:, 0], step[:, 1])
     moves = (length > 1e-9) & ~last
     speed = np.where(moves, length / np.where(moves, seconds, 1.0), 0.0)
-    # Of one who stands, the heading of the last segment on which it moved; of one who never has, zero.
+    # A person who stands has the heading of the last segment with a move; before the first move, zero.
     latest = np.maximum.accumulate(np.where(moves | np.isin(np.arange(len(times)), first[:-1]), np.arange(len(times)), 0))
     heading = np.where(moves, np.arctan2(step[:, 1], step[:, 0]), 0.0)[latest]
     cycles = np.where(last, 0.0, seconds * _cycles_per_second(speed, np.repeat(heights, np.diff(first))))
@@ -242,16 +242,16 @@ def _cycles_per_second(speed: Floats, heights: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class SiteOptions:
-    """Options of `simulate_site`; those that `SimulationOptions` has too mean the same. Raises `InputError` for bad values.
+    """Options of `simulate_site`; they mean the same as those of `SimulationOptions`. Raises `InputError` for bad values.
 
-    Identities are always tracklet numbers of each camera's own.
+    Each camera always has tracklet numbers of its own as identities.
     """
 
     preset: str = "airport"
     seed: int = 0
     cameras: int = 24
     people: int | None = None
-    """`PEOPLE_PER_CAMERA` for each camera unless given."""
+    """Number of people; None: `PEOPLE_PER_CAMERA` for each camera."""
     seconds: float = 600.0
     fps: float = 5.0
     camera_height_m: float = 3.5
@@ -265,7 +265,7 @@ class SiteOptions:
     false_boxes: float = 0.0
     identity_swaps: float = 0.0
     clock_offsets: float = 5.0
-    """Each camera but the first gets a constant offset drawn from plus or minus so many seconds."""
+    """Each camera but the first gets a constant offset drawn from plus or minus this number of seconds."""
     tracklet_seconds: float = 0.0
     embeddings: str = "none"
     lenses: str = TYPICAL
@@ -279,21 +279,21 @@ class SiteOptions:
             raise InputError("clock_offsets of a site is a single largest offset, not one per camera: give one number")
         if not 2.0 <= self.camera_height_m <= 10.0:
             raise InputError(f"camera_height_m = {self.camera_height_m} is out of range: give a value from 2 to 10")
-        _ = self.faults  # Every other option is checked where a scene's are.
+        _ = self.faults  # `SimulationOptions` checks all other options.
 
     @property
     def n_people(self) -> int:
-        """The number of people."""
+        """Number of people."""
         return PEOPLE_PER_CAMERA * self.cameras if self.people is None else self.people
 
     @property
     def n_frames(self) -> int:
-        """The number of time steps, at least one."""
+        """Number of time steps, at least one."""
         return self.faults.n_frames
 
     @property
     def faults(self) -> SimulationOptions:
-        """The same recording and the same faults as options of a scene."""
+        """The options of a scene with the same recording and the same faults."""
         return SimulationOptions(
             seed=self.seed, seconds=self.seconds, fps=self.fps, occlusion=self.occlusion, box_noise=self.box_noise,
             corner_noise_px=self.corner_noise_px, box_slack=self.box_slack, missing=self.missing, false_boxes=self.false_boxes,
@@ -303,7 +303,7 @@ class SiteOptions:
         )  # fmt: skip
 
     def rng(self, *purpose: int) -> np.random.Generator:
-        """The generator of one purpose, and of one camera or person of it: no draw depends on how many others there are."""
+        """Return the generator of a purpose, and of one camera or person; no draw depends on the number of others."""
         return np.random.default_rng((self.seed, 9, *purpose))
 
 

@@ -1,6 +1,6 @@
 """Crops of people for training: from folders, published data sets, and scenes.
 
-Imports what `training` may.
+This package may import the same packages as `training`.
 """
 
 from passerby.training.data.reading import read_all, read_data

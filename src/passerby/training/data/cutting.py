@@ -1,7 +1,7 @@
-"""Crops of people cut out of videos once, kept as PNG files, and which boxes are worth cutting.
+"""Crops of people, cut out of videos once and stored as PNG files, and the choice of the boxes to cut.
 
-The files lie in CACHE/NAME/CAMERA/KEY/PERSON_FRAME.png; KEY is a digest of the video and of all that was asked for, so that
-what was cut before is found again. A camera's crops appear as a whole or not at all.
+The files are CACHE/NAME/CAMERA/KEY/PERSON_FRAME.png. KEY is a digest of the video and of the requested boxes, so that earlier
+crops are found again. A camera's crops are written as a whole or not at all.
 """
 
 from __future__ import annotations
@@ -36,40 +36,40 @@ from passerby.perception.video import VideoReader, probe
 from passerby.training.crops import CropSet, decode_pictures, picture_files
 
 REVISION = 1
-"""Counted up whenever other crops are cut than before, so that an older version's are not taken for them."""
+"""Increased with each change of the cutting, so that crops of an older version are not used."""
 INDEX = "crops.json"
 STAGE = "cutting crops"
 TOLD_EVERY = 50
-"""Pictures."""
+"""Number of pictures between two reports of progress."""
 PER_PERSON = 24
-"""Crops of one person by one camera: two dozen moments show front, side and back; more are nearly the same picture again."""
+"""Maximum number of crops of one person by one camera: 24 show front, side and back; more would be nearly equal pictures."""
 COVERED_IOU = 0.3
-"""Overlap with a nearer person from which on a crop shows two people."""
+"""Minimum overlap with a nearer person at which a crop shows two people."""
 
 
 @dataclass(frozen=True, eq=False)
 class WantedCrops:
-    """N boxes of one camera, all of which are to be cut."""
+    """N boxes of one camera to cut."""
 
     camera: str
     source: Path
     """The video; or a folder of pictures whose names are their frame numbers (MOTChallenge's img1/000001.jpg)."""
     frame: Ints
-    """(N,) as the video reader counts: from 1, see `VideoInfo.clock_fps`."""
+    """(N,) frame numbers of the video reader, from 1; see `VideoInfo.clock_fps`."""
     ltwh: Floats
-    """(N, 4) left, top, width, height, pixels; (0, 0) is the middle of the first one."""
+    """(N, 4) left, top, width, height, pixels; (0, 0) is the centre of the first pixel."""
     person: Ints
     """(N,) rows of the people; each at most once in a frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class CutCrops:
-    """What was cut."""
+    """The crops that were cut."""
 
     crops: CropSet
-    """In the order of the cameras, then of the rows asked for; `apart` is None."""
+    """Sorted by camera, then by requested row; `apart` is None."""
     notes: tuple[str, ...] = ()
-    """What could not be cut, a line each."""
+    """Boxes that could not be cut, one line each."""
 
 
 def cut_crops(
@@ -81,18 +81,18 @@ def cut_crops(
     executor: Executor | None = None,
     tell: Progress = silent,
 ) -> CutCrops:
-    """Cut boxes out of videos, at the videos' own resolution; each video is read once, one picture at a time in memory.
+    """Cut boxes out of videos, at the videos' own resolution; each video is read once, with one picture at a time in memory.
 
-    A crop holds the visible part of its box to whole pixels, the very pixels that `perception.crop_network.stretched` takes.
+    A crop is the visible part of its box, rounded to whole pixels, as in `perception.crop_network.stretch_crop`.
     Boxes of pictures that a video does not have are left out, with a note.
 
     Args:
-        wanted: the boxes of each camera; see `find_clear_boxes` and `spread` for which.
+        wanted: the boxes of each camera; `find_clear_boxes` and `spread_rows` help to choose them.
         people: the people's names; `CropSet.people` become NAME/PERSON, and `CropSet.cameras` NAME/CAMERA.
-        cache: the crops are kept in a folder `name` in it.
-        name: of the data set.
-        executor: cuts the cameras side by side; one after the other where it is None. The result does not depend on it.
-        tell: called for each camera and, without executor, of the pictures.
+        cache: folder of the crops, which are stored in its folder `name`.
+        name: name of the data set.
+        executor: cuts the cameras in parallel; None: one after the other. The result does not depend on it.
+        tell: called for each camera and, without an executor, for the pictures.
 
     Raises `InputError` for a video that cannot be read, a person twice in one frame, and a cache that cannot be written.
     """
@@ -115,7 +115,7 @@ def cut_crops(
 
 
 def source_size(source: Path) -> tuple[int, int]:
-    """Width and height of the pictures of a video or a folder of pictures. Raises `InputError` where there is none."""
+    """Return width and height of the pictures of a video or of a folder of pictures. Raises `InputError` if there is none."""
     if not source.is_dir():
         return probe(source).size
     for path in picture_files(source):
@@ -135,7 +135,7 @@ class _Job:
 
     @property
     def key(self) -> str:
-        """What decides the crops, as a digest."""
+        """Digest of the settings and inputs that determine the crops."""
         wanted = self.wanted
         rows = hash_of_arrays(np.asarray(wanted.frame), np.asarray(wanted.ltwh), np.asarray(wanted.person))
         versions = {"av": av.__version__, "opencv": cv2.__version__}
@@ -144,16 +144,16 @@ class _Job:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The crops' file names."""
+        """File names of the crops."""
         pairs = zip(self.wanted.person.tolist(), self.wanted.frame.tolist(), strict=True)
         names = tuple(f"{_make_file_name(self.people[person])}_{frame:06d}.png" for person, frame in pairs)
         if len({name.casefold() for name in names}) == len(names):
             return names
-        return tuple(f"{row:06d}.png" for row in range(len(names)))  # two people whose names look the same in file names
+        return tuple(f"{row:06d}.png" for row in range(len(names)))  # two people have the same name in file names
 
 
 def _cut_camera(job: _Job, tell: Callable[[int, int], None] | None = None) -> tuple[list[Path | None], list[str]]:
-    """The files of a camera's crops, None where there is no such picture; and notes."""
+    """Return the files of a camera's crops, None if the video lacks the picture; and notes."""
     if not len(job.wanted.frame):
         return [], []
     folder = job.shelf / job.key
@@ -173,7 +173,7 @@ def _cut_camera(job: _Job, tell: Callable[[int, int], None] | None = None) -> tu
 
 
 def _find_kept_crops(folder: Path) -> dict[str, int] | None:
-    """The files that were cut before and their sizes, bytes; None where anything of it is missing or damaged."""
+    """Return the earlier files and their sizes, bytes; None if a file is missing or has another size."""
     try:
         index: dict[str, int] = json.loads((folder / INDEX).read_text(encoding="utf-8"))
         whole = all((folder / name).stat().st_size == size for name, size in index.items())
@@ -183,11 +183,11 @@ def _find_kept_crops(folder: Path) -> dict[str, int] | None:
 
 
 def _cut_into_folder(job: _Job, folder: Path, tell: Callable[[int, int], None] | None) -> dict[str, int]:
-    """Cut a camera's crops into a folder of this name: the files and their sizes, bytes."""
-    for half in job.shelf.glob(f".*{PART}"):  # left by a run that was killed
+    """Cut a camera's crops into a folder of this name; return the files and their sizes, bytes."""
+    for half in job.shelf.glob(f".*{PART}"):  # from a run that was killed
         shutil.rmtree(half, ignore_errors=True)
     threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)  # cameras are cut side by side
+    cv2.setNumThreads(1)  # cameras are cut in parallel
     try:
         new = Path(tempfile.mkdtemp(dir=job.shelf, prefix=".", suffix=PART))
         try:
@@ -206,7 +206,7 @@ def _cut_into_folder(job: _Job, folder: Path, tell: Callable[[int, int], None] |
 
 
 def _write(job: _Job, folder: Path, tell: Callable[[int, int], None] | None) -> dict[str, int]:
-    """Write the crops of all pictures as these come."""
+    """Write the crops picture by picture; return the files and their sizes, bytes."""
     wanted, names, index = job.wanted, job.names, {}
     order = np.argsort(wanted.frame, kind="stable")
     frames = wanted.frame[order]
@@ -216,7 +216,7 @@ def _write(job: _Job, folder: Path, tell: Callable[[int, int], None] | None) -> 
             tell(frame.number, total)
         low, high = np.searchsorted(frames, (frame.number, frame.number + 1))
         for row in order[low:high].tolist():
-            # The lowest compression is twice as fast as the usual one, for files a tenth larger.
+            # The lowest compression is twice as fast as the usual one, and files are a tenth larger.
             _, png = cv2.imencode(".png", _crop_box(frame.picture, wanted.ltwh[row]), [cv2.IMWRITE_PNG_COMPRESSION, 1])
             (folder / names[row]).write_bytes(png.tobytes())
             index[names[row]] = len(png)
@@ -226,7 +226,7 @@ def _write(job: _Job, folder: Path, tell: Callable[[int, int], None] | None) -> 
 
 
 def _pictures(wanted: WantedCrops) -> Iterator[Frame]:
-    """The pictures from the first to the last that is wanted, of a folder only the wanted ones that can be read."""
+    """Read the pictures of a video from the first to the last wanted one, or of a folder only the wanted, readable ones."""
     first, last = int(wanted.frame.min()), int(wanted.frame.max())
     if wanted.source.is_dir():
         for number, path in _index_frames(wanted).items():
@@ -241,28 +241,28 @@ def _pictures(wanted: WantedCrops) -> Iterator[Frame]:
 
 
 def _index_frames(wanted: WantedCrops) -> dict[int, Path]:
-    """Frame number -> file of the wanted pictures of a folder, ascending."""
+    """Return frame number -> file, ascending, for the wanted pictures of a folder."""
     numbers = {int(path.stem): path for path in picture_files(wanted.source) if re.fullmatch("[0-9]+", path.stem)}
     return {number: numbers[number] for number in np.unique(wanted.frame).tolist() if number in numbers}
 
 
 def _content(wanted: WantedCrops) -> Mapping[str, Any]:
-    """What tells the pictures of a source from another's."""
+    """Return values that identify the pictures of a source."""
     if not wanted.source.is_dir():
         if not wanted.source.is_file():
             raise InputError(f"{wanted.source}: no such file: the video of camera {wanted.camera} is needed here")
         return fingerprint(wanted.source)
-    # Not by their times: one that is replaced by another of the same size and time is another one.
+    # By content, not by times: a file that replaces another one may have the same size and time.
     return {"pictures": [(path.name, _digest(path)) for path in _index_frames(wanted).values()]}
 
 
 def _digest(path: Path) -> str:
-    """Of a picture's content."""
+    """Return the digest of a picture's content."""
     return hashlib.blake2b(path.read_bytes(), digest_size=16).hexdigest()
 
 
 def _crop_box(picture: Picture, box: Floats) -> Picture:
-    """The visible part of a box (4,), to whole pixels: the very ones that `perception.crop_network.stretched` stretches."""
+    """Cut the visible part of a box (4,), rounded to whole pixels as in `perception.crop_network.stretch_crop`."""
     height, width = picture.shape[:2]
     left, top, right, bottom = box[0], box[1], box[0] + box[2], box[1] + box[3]
     x0, y0 = min(max(round(left), 0), width - 1), min(max(round(top), 0), height - 1)
@@ -271,7 +271,7 @@ def _crop_box(picture: Picture, box: Floats) -> Picture:
 
 
 def _check(wanted: WantedCrops, people: Sequence[str]) -> None:
-    """Raise `InputError` where the columns do not fit, or a person is in a frame twice."""
+    """Raise `InputError` if the columns do not fit together, or a person is in a frame twice."""
     n, place = len(wanted.frame), f"camera {wanted.camera}"
     if np.shape(wanted.ltwh) != (n, 4) or len(wanted.person) != n:
         raise InputError(f"{place}: {n} frames, boxes {np.shape(wanted.ltwh)}, {len(wanted.person)} people: a row each")
@@ -284,7 +284,7 @@ def _check(wanted: WantedCrops, people: Sequence[str]) -> None:
 
 
 def _make_file_name(text: str) -> str:
-    """The text as part of a file's name."""
+    """Convert a text to a part of a file name."""
     return re.sub(r"[^\w.+@-]", "-", text).lstrip(".") or "-"
 
 
@@ -293,15 +293,15 @@ def _join_frames(parts: Sequence[NDArray[np.int64]]) -> Ints:
 
 
 def find_clear_boxes(frame: Ints, ltwh: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """(N,) which of one camera's boxes show a person well: large enough, for the most part in the picture, and not hidden.
+    """Return whether boxes of one camera show a person well (N,): large enough, at least half in the picture, not hidden.
 
     Args:
-        frame: (N,).
-        ltwh: (N, 4) all boxes of the camera, pixels, those of unknown people too: they cover as well.
-        size: of the pictures, width and height.
+        frame: (N,) frame numbers.
+        ltwh: (N, 4) all boxes of the camera, pixels, including those of unknown people, who hide others too.
+        size: width and height of the pictures.
 
-    Of two boxes that overlap by `COVERED_IOU` or more (intersection over union) the one whose foot is lower in the picture is
-    the nearer to the camera.
+    If two boxes overlap by `COVERED_IOU` or more (intersection over union), the box whose foot is lower in the picture is
+    nearer to the camera.
     """
     shown: Picture = np.broadcast_to(np.uint8(0), (size[1], size[0], 3))
     order = np.argsort(frame, kind="stable")
@@ -310,7 +310,7 @@ def find_clear_boxes(frame: Ints, ltwh: Floats, size: tuple[int, int]) -> NDArra
     for step in range(1, len(order)):
         first = np.flatnonzero(frames[:-step] == frames[step:])
         if not len(first):
-            break  # no frame has more boxes than that
+            break  # no frame has more than `step` boxes
         second = first + step
         near = _iou(boxes[first], boxes[second]) >= COVERED_IOU
         lower = _foot(boxes[first]) > _foot(boxes[second])
@@ -322,9 +322,9 @@ def find_clear_boxes(frame: Ints, ltwh: Floats, size: tuple[int, int]) -> NDArra
 
 
 def spread_rows(frame: Ints, person: Ints, usable: NDArray[np.bool_], at_most: int = PER_PERSON) -> Ints:
-    """Rows, ascending, of at most so many boxes per person (N,), evenly spread over those that are usable, by frame.
+    """Choose at most `at_most` usable boxes per person (N,), evenly spread in the order of frames; return ascending rows.
 
-    People below 0 are unknown and passed over.
+    People below 0 are unknown and are not used.
     """
     rows = np.flatnonzero(usable & (person >= 0))
     rows = rows[np.lexsort((frame[rows], person[rows]))]
@@ -337,21 +337,21 @@ def spread_rows(frame: Ints, person: Ints, usable: NDArray[np.bool_], at_most: i
 
 
 def _iou(a: Floats, b: Floats) -> Floats:
-    """(N,) intersection over union of boxes (N, 4), pair by pair."""
+    """Compute the intersection over union (N,) of boxes (N, 4), pair by pair."""
     low = np.maximum(a[:, :2], b[:, :2])
     both = np.maximum(np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:]) - low, 0.0).prod(axis=1)
     return np.asarray(both / (a[:, 2:].prod(axis=1) + b[:, 2:].prod(axis=1) - both))
 
 
 def _foot(boxes: Floats) -> Floats:
-    """(N,) lower edges, pixels."""
+    """Return the lower edges (N,) of boxes, pixels."""
     return np.asarray(boxes[:, 1] + boxes[:, 3])
 
 
 def one_file(videos: Sequence[Path], name: str, folders: bool = False) -> Path:
-    """The path of camera `name`'s video.
+    """Return the path of camera `name`'s video.
 
-    Raises `InputError` for several files and patterns and, unless `folders` of images can be read, for a folder.
+    Raises `InputError` for several files, for patterns and, unless `folders` of images are allowed, for a folder.
     """
     (path, *more) = videos
     if more or (path.is_dir() and not folders) or (is_pattern(path) and not path.is_file()):

@@ -38,14 +38,14 @@ from passerby.training.data.cutting import (
 )
 
 TEXT_FOLDERS = ("truth", "identities", "tracks")
-"""Where the text of videos is looked for, unless it lies beside them."""
+"""Folders that are searched for the text of videos, if it is not in the folder of the videos."""
 SEQUENCE = "seqinfo.ini"
 MOT_PEDESTRIAN = 1
 MOT_COLUMNS = 6
 MOT_VISIBLE = 0.5
-"""Boxes of which less is visible, by MOTChallenge's annotators, are not cut; half of a person is what `tellable` asks for."""
+"""Minimum visible share of a box, by MOTChallenge's annotators; `is_recognisable` also requires half of a box."""
 MOT_DETECTORS = ("-DPM", "-FRCNN", "-SDP")
-"""MOT17 has every sequence three times, with the same pictures and the same truth."""
+"""Endings of names: MOT17 has each sequence three times, with the same pictures and the same truth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class TrackedCamera:
     """A video, or a folder of pictures; see `WantedCrops`."""
     boxes: Boxes
     hidden: NDArray[np.bool_] | None = None
-    """(N,) boxes known to be hidden for the most part; None: nothing is known."""
+    """(N,) whether more than half of a box is known to be hidden; None: unknown."""
 
 
 def tracked_people(
@@ -71,20 +71,20 @@ def tracked_people(
     executor: Executor | None = None,
     tell: Progress = silent,
 ) -> DataSet:
-    """The people of tracks as a data set to learn from, without query and gallery.
+    """Make a data set for training from the people of tracks, without query and gallery.
 
     Args:
-        name: of the data set.
-        cameras: with their boxes; identity -1 is unknown.
-        cache: where crops are kept; see `cut_crops`.
-        given: the identities are the same in all cameras, and two of them are two people. Else they are each camera's own, and
-            only those seen in one frame are known to be two: see `CropSet.apart`.
-        notes: what is to be reported already.
-        per_person: at most so many crops of a person by a camera.
-        executor: cuts the cameras side by side.
+        name: name of the data set.
+        cameras: cameras with their boxes; identity -1 is unknown.
+        cache: folder of the crops; see `cut_crops`.
+        given: the identities are the same in all cameras, and two of them are two people. Otherwise each camera has its own
+            identities, and only those seen in one frame are known to be different: see `CropSet.apart`.
+        notes: earlier notes to report.
+        per_person: maximum number of crops of a person by a camera.
+        executor: cuts the cameras in parallel.
         tell: called with the cutting.
 
-    Raises `InputError` where a video cannot be read, or no person is shown twice.
+    Raises `InputError` if a video cannot be read, or no person has two crops.
     """
     own = [np.unique(camera.boxes.identity[camera.boxes.identity > UNKNOWN]) for camera in cameras]
     if given:
@@ -117,14 +117,14 @@ def tracked_people(
 
 
 def _rows(identity: Ints, table: Ints, first: int) -> Ints:
-    """(N,) rows of the people by their identity; -1 if unknown."""
+    """Return the rows (N,) of the people by their identity; -1 if unknown."""
     if not len(table):
         return np.full(len(identity), -1)
     return np.where(identity > UNKNOWN, first + np.searchsorted(table, identity), -1)
 
 
 def _choose_boxes(camera: TrackedCamera, person: Ints, per_person: int) -> WantedCrops:
-    """The boxes of a camera that are worth cutting."""
+    """Choose the boxes of a camera to cut: clear, and spread over time."""
     boxes = camera.boxes
     rows: Ints = np.zeros(0, dtype=np.int64)
     if len(boxes):
@@ -134,7 +134,7 @@ def _choose_boxes(camera: TrackedCamera, person: Ints, per_person: int) -> Wante
 
 
 def _find_seen_together(cameras: Sequence[TrackedCamera], persons: Sequence[Ints], n_people: int) -> NDArray[np.bool_]:
-    """(P, P) which people one camera saw in one frame."""
+    """Return whether one camera saw two people in one frame, (P, P)."""
     apart = np.zeros((n_people, n_people), dtype=np.bool_)
     for camera, person in zip(cameras, persons, strict=True):
         known = person >= 0
@@ -148,9 +148,9 @@ def _find_seen_together(cameras: Sequence[TrackedCamera], persons: Sequence[Ints
 
 
 def cameras_of_scene(path: Path) -> tuple[list[TrackedCamera], bool, list[str]]:
-    """The cameras of a scene file that have a video and tracks; whether the identities are global; notes.
+    """Read the cameras of a scene file that have a video and tracks; also return whether the identities are global, and notes.
 
-    Raises `InputError` for a scene file that cannot be read, and where no camera has both.
+    Raises `InputError` for a scene file that cannot be read, and if no camera has both.
     """
     scene = Scene.load(path)
     cameras, notes = [], []
@@ -171,16 +171,16 @@ def cameras_of_scene(path: Path) -> tuple[list[TrackedCamera], bool, list[str]]:
 
 
 def videos_of(path: Path) -> list[Path]:
-    """The videos of a folder: in it, or else in its folder called `video` or `videos`."""
+    """Find the videos of a folder: in it, or otherwise in its folder called `video` or `videos`."""
     places = [path, *(inner for inner in visible_folders(path) if inner.name.lower() in VIDEO_FOLDERS)]
     return next((found for place in places if (found := visible_files(place, VIDEO_ENDINGS))), [])
 
 
 def cameras_of_folder(path: Path) -> tuple[list[TrackedCamera], list[str]]:
-    """The videos of a folder that have MOTChallenge text of the same stem beside them, or in one of `TEXT_FOLDERS`; notes.
+    """Read the videos of a folder with MOTChallenge text of the same stem in their folder or one of `TEXT_FOLDERS`; and notes.
 
-    All text is taken from the first of these places that has any, since identities of two places may differ. Raises
-    `InputError` where none has.
+    All text is taken from the first of these folders that has any, because identities of two folders may differ. Raises
+    `InputError` if none has any.
     """
     videos = videos_of(path)
     texts: dict[Path, Path] = {}
@@ -200,9 +200,9 @@ def cameras_of_folder(path: Path) -> tuple[list[TrackedCamera], list[str]]:
 
 
 def _boxes_of(path: Path, notes: list[str]) -> Boxes:
-    """The boxes of a file, each person once in a frame; what was left out is added to the notes.
+    """Read the boxes of a file, each person once in a frame; duplicates are left out, with a note.
 
-    Raises `InputError` for a file that cannot be read, or in which people stand twice too often.
+    Raises `InputError` for a file that cannot be read, or that has too many duplicates.
     """
     boxes, doubled = remove_duplicates(read_boxes(path, doubles=True))
     if doubled is not None and doubled.is_rule:
@@ -212,7 +212,7 @@ def _boxes_of(path: Path, notes: list[str]) -> Boxes:
 
 
 def sequences_of(path: Path) -> list[Path]:
-    """The MOTChallenge sequences at a place: the folder itself, or those in it, each once."""
+    """Find the MOTChallenge sequences of a folder: the folder itself, or those in it, each once."""
     if (path / SEQUENCE).is_file():
         return [path]
     found: dict[str, Path] = {}
@@ -224,7 +224,7 @@ def sequences_of(path: Path) -> list[Path]:
 
 
 def camera_of_sequence(folder: Path) -> TrackedCamera:
-    """A MOTChallenge sequence: seqinfo.ini, a folder of pictures and gt/gt.txt. Raises `InputError` where one is missing.
+    """Read a MOTChallenge sequence: seqinfo.ini, a folder of pictures and gt/gt.txt. Raises `InputError` if one is missing.
 
     Rows that the evaluation of MOTChallenge ignores (confidence 0, classes other than pedestrian) are left out.
     """
@@ -249,7 +249,7 @@ def camera_of_sequence(folder: Path) -> TrackedCamera:
 
 
 def _read_truth(path: Path) -> tuple[Boxes, NDArray[np.bool_]]:
-    """The pedestrians of a gt.txt, whose rows may be in any order, and which of the boxes are hidden for the most part."""
+    """Read the pedestrians of a gt.txt with rows in any order, and whether more than half of each box is hidden, (N,)."""
     text = read_text(path, "the true tracks (gt.txt) of a MOTChallenge sequence")
     try:
         rows = np.loadtxt(io.StringIO(text), delimiter=",", comments=None, ndmin=2) if text.strip() else np.zeros((0, 9))
@@ -276,7 +276,7 @@ def _read_truth(path: Path) -> tuple[Boxes, NDArray[np.bool_]]:
         frame, identity = pairs[twice[0]]
         raise InputError(f"{path}: identity {identity:.0f} is in frame {frame:.0f} twice: one box per person and frame")
     visible = rows[:, 8] if rows.shape[1] > 8 else np.full(len(rows), -1.0)
-    # MOTChallenge counts the first pixel as 1.
+    # In MOTChallenge the first pixel is number 1.
     ltwh = rows[:, 2:6] - [1.0, 1.0, 0.0, 0.0]
     boxes = Boxes(rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), ltwh, np.ones(len(rows)))
     return boxes, (visible >= 0) & (visible < MOT_VISIBLE)
