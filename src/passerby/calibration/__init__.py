@@ -1,5 +1,5 @@
-"""A calibration from its inputs to its folder: `calibrate` is the whole of it in stages.
+"""A calibration, from its inputs to its output folder: `calibrate` has all stages.
 
-The only room that imports both association and solver. `diagnostics/` checks a result, `alignment/` sets the world. Imports all
-rooms below but `simulation`.
+This is the only package that imports both `association` and `solver`. `diagnostics/` checks a result, `alignment/` sets the
+world frame. It may import all packages below it except `simulation`.
 """

@@ -1,4 +1,4 @@
-"""The people of all cameras while identities and clocks are being found: rows, common time steps and figures of one state."""
+"""The state of association between the rounds of a calibration: people by row, common time steps and figures."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ from passerby.core.synchronisation import find_common_time_steps
 from passerby.findings.finding import Finding, notice
 
 AGAIN_S = 0.5
-"""How far the clock offset of a camera that the rig's people placed may be off in the next round, seconds."""
+"""Range in which the clock offset of a camera that the rig's people placed is searched in the next round, seconds."""
 
 
 @dataclass(frozen=True)
 class AssociationOptions:
-    """How identities are found."""
+    """Options of the search for identities."""
 
     mode: str = "combined"
     """combined | trajectory | appearance"""
@@ -59,15 +59,15 @@ class AssociationOptions:
     pointed: tuple[PointedPerson, ...] = ()
     """People of known height, each named by a pixel."""
     measured: tuple[MeasuredStart, ...] = ()
-    """Differences of two cameras' clocks that something else than people tells."""
+    """Differences of two cameras' clocks from sources other than people."""
     stated: StatedIdentities = field(default_factory=StatedIdentities)
     """Identities that the user corrects."""
     groups: tuple[tuple[str, ...], ...] = ()
-    """Names of cameras that may share ground, where the user says so: only cameras of one group are compared."""
+    """Names of cameras that may share ground, if the user states them: only cameras of one group are compared."""
 
 
 def with_lenses_of(cameras: Sequence[CameraTracklets], rig: Rig, person_height_m: float) -> list[CameraTracklets]:
-    """The cameras' people by the lenses of a rig."""
+    """Compute the people of the cameras again with the lenses of a rig."""
     rngs = np.random.default_rng(0).spawn(len(cameras))
     return [
         with_lens(one, camera.lens, person_height_m, rng) for one, camera, rng in zip(cameras, rig, rngs, strict=True)
@@ -76,7 +76,7 @@ def with_lenses_of(cameras: Sequence[CameraTracklets], rig: Rig, person_height_m
 
 @dataclass(frozen=True, eq=False)
 class AssociationRun:
-    """What stays the same over the rounds of association, and what follows from it for any identities and clocks."""
+    """The part of association that is the same in all rounds, with its results for any identities and clocks."""
 
     rig: Rig
     cameras: Sequence[CameraTracklets]
@@ -84,10 +84,10 @@ class AssociationRun:
     appearance: AppearanceAffinity | None
     options: AssociationOptions
     compared: tuple[tuple[str, str], ...] | None = None
-    """Names of the cameras, two by two, that may see one person at one time; None: all."""
+    """Names of each two cameras that may see one person at one time; None: all."""
 
     def with_lenses(self, found: Rig) -> AssociationRun:
-        """The same people by the lenses of a solution, where these were found with it."""
+        """Return the same people with the lenses that a solution has estimated."""
         cameras = tuple(
             replace(old, lens=replace(new.lens, uncalibrated=True)) if old.lens.uncalibrated and new.pose else old
             for old, new in zip(self.rig, found, strict=True)
@@ -96,7 +96,7 @@ class AssociationRun:
         return replace(self, rig=rig, cameras=with_lenses_of(self.cameras, rig, self.options.person_height_m))
 
     def rows(self, person: Ints, offset_s: Floats, solution: Solution | None) -> list[tuple[Ints, Ints]]:
-        """The person of every box and of every set of joints, camera by camera; -1 for no person."""
+        """Return the person of every box (N,) and of every set of joints (M,), camera by camera; -1 for no person."""
         out = []
         for c, camera in enumerate(self.cameras):
             own = person[self.tracklets.first[c] : self.tracklets.first[c + 1]]
@@ -132,9 +132,9 @@ class AssociationRun:
     def lost(
         self, solution: Solution, graph: ViewGraph, before: Mapping[int, Attached], *, search: bool
     ) -> dict[int, tuple[float, float]]:
-        """Cameras without a pose that no pair registers, by number: how far which clock offset is to be searched.
+        """Return, by index of cameras without pose or registration, range and centre of the clock offset's search, seconds.
 
-        One that was placed `before` is placed again near its offset; the others are tried where a `search` is wanted.
+        A camera that was placed `before` is searched near its last offset. The others are searched only with `search`.
         """
         alone = {group[0] for group in graph.groups if len(group) == 1}
         without = {c for c, camera in enumerate(solution.rig) if camera.pose is None} & alone
@@ -143,17 +143,17 @@ class AssociationRun:
         return again | (dict.fromkeys(sorted(without - set(before)), (search_s, 0.0)) if search else {})
 
     def known(self, rows: Sequence[tuple[Ints, Ints]]) -> PointedHeights:
-        """The heights of the people at whom the user pointed, by the identities that `identified` gives them."""
+        """Return the heights of the people whom the user marked, by the identities that `identified` gives them."""
         return pointed_heights(self.options.pointed, lambda one: self._identity(one, rows))
 
     def _identity(self, one: PointedPerson | Sighting, rows: Sequence[tuple[Ints, Ints]]) -> int | None:
-        """The identity of a person at a pixel, as `identified` numbers them."""
+        """Return the identity of a person at a pixel, in the numbering of `identified`; None without one."""
         c = self.rig.names.index(one.camera) if one.camera in self.rig.names else None
         person = None if c is None else identity_at(one, self.cameras[c].seen, *rows[c])
         return None if person is None else person + 1
 
     def identified(self, rows: Sequence[tuple[Ints, Ints]]) -> Observations:
-        """The people with an identity, in each camera's own frames."""
+        """Return the observations with an identity, in each camera's own frames."""
         cameras = {}
         for camera, (boxes, joints) in zip(self.cameras, rows, strict=True):
             named = replace(camera.seen.boxes, identity=boxes + 1), replace(camera.seen.keypoints, identity=joints + 1)
@@ -163,7 +163,7 @@ class AssociationRun:
         return Observations(cameras)
 
     def instants(self, identified: Observations, offset_s: Floats) -> Observations:
-        """The same at instants that all cameras share."""
+        """Resample identified observations to instants that all cameras share."""
         seen = synchronise(self.rig, self.cameras, identified, offset_s)
         return seen if self.compared is None else joined_sightings(seen, self.compared)
 
@@ -171,7 +171,7 @@ class AssociationRun:
         self, person: Ints, offset_s: Floats, solution: Solution | None, initial: InitialAssociation | None,
         rounds: list[AssociationRound], sigma_s: Floats | None = None, attached: Collection[int] = (),
     ) -> Association:  # fmt: skip
-        """The result; the first registered camera's clock is the rig's. `attached`: cameras that the rig's people placed."""
+        """Return the association. The first registered camera's clock is the rig's; `attached`: cameras placed by the rig."""
         offset_s = relative_to_reference(offset_s, solution.rig if solution else None)
         rows = self.rows(person, offset_s, solution)
         identified, heights = self.identified(rows), self.known(rows)
@@ -195,20 +195,20 @@ class AssociationRun:
         self, person: Ints, offset_s: Floats, solution: Solution, initial: InitialAssociation, attached: dict[int, Attached],
         *, search: bool, executor: Executor | None, tell: Progress,
     ) -> tuple[Ints, int]:  # fmt: skip
-        """Place cameras without a pose by the people of the rig, and identify all tracklets anew by the rig.
+        """Place cameras without a pose by the people of the rig, and identify all tracklets again by the rig.
 
         Args:
-            person: (T,) of each tracklet so far.
-            offset_s: (C,) of the clocks, seconds; those of cameras that are placed here are changed in it.
+            person: (T,) person of each tracklet so far.
+            offset_s: (C,) offsets of the clocks, seconds; those of cameras that are placed here are changed in place.
             solution: the rig.
             initial: the first association.
             attached: cameras that the rig's people placed before; those of this round are added.
-            search: whether cameras without a pose are searched that were not placed before.
-            executor: works on cameras side by side.
+            search: whether poses are also searched for cameras that were not placed before.
+            executor: processes cameras in parallel.
             tell: called with each stage as it begins.
 
         Returns:
-            (T,) the person of each tracklet, and how many cameras have poses.
+            (T,) the person of each tracklet, and the number of cameras with poses.
         """
         poses = [camera.pose for camera in solution.rig]
         if initial.graph is not None:
@@ -231,7 +231,7 @@ class AssociationRun:
         return person, sum(pose is not None for pose in poses)
 
     def _drifts(self, person: Ints, offset_s: Floats, solution: Solution) -> dict[int, Drift]:
-        """How the clocks drift, by the rig."""
+        """Return the drifts of the clocks by the rig, by index of the camera."""
         first, poses = self.tracklets.first, [camera.pose for camera in solution.rig]
         own = [person[first[c] : first[c + 1]] for c in range(len(self.cameras))]
         return clock_drifts(self.cameras, poses, own, offset_s)
@@ -245,7 +245,7 @@ class AssociationRun:
         attached: Collection[int],
         rows: Sequence[tuple[Ints, Ints]],
     ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-        """Evidence against relying on the association, and what is odd about it."""
+        """Return the doubts about the association, and the notices on it."""
         if solution is None:
             return (), ()
         poses = [camera.pose for camera in solution.rig]
@@ -265,7 +265,7 @@ class AssociationRun:
 
 
 def share_of_same_pairs(before: Ints, after: Ints) -> float:
-    """How alike two groupings of tracklets (T,) are: pairs together in both, as a share of those in either."""
+    """Compute the similarity of two groupings of tracklets (T,): pairs together in both, as a share of those in either."""
 
     def pairs(label: Ints) -> float:
         count = np.bincount(label).astype(np.float64)
@@ -277,13 +277,13 @@ def share_of_same_pairs(before: Ints, after: Ints) -> float:
 
 
 def _at(column: Ints, row: Ints) -> Ints:
-    """The column at the rows, -1 where it is too short (the rows are of another column there)."""
+    """Return the column at the rows; -1 beyond its end, for rows that belong to another column."""
     padded = np.append(column, UNKNOWN)
     return np.asarray(padded[np.minimum(row, len(column))])
 
 
 def _once(person: Ints, frame: Ints, tracklet: Ints) -> Ints:
-    """Everybody once in a frame: of two boxes the one of the longer tracklet keeps the name."""
+    """Keep each person once in a frame: of two rows of a person, that of the longer tracklet; the other gets -1."""
     length = np.bincount(tracklet[tracklet > UNKNOWN], minlength=1)
     long = np.where(tracklet > UNKNOWN, length[np.maximum(tracklet, 0)], 0)
     kept = np.isin(np.arange(len(person)), once_in_frame(frame, person, -long))

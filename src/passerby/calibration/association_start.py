@@ -1,4 +1,4 @@
-"""The start of association: tracklets, pairs of cameras that their people register, first identities and clocks."""
+"""The start of association: tracklets, registered pairs of cameras, and the first identities and clocks."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ from passerby.findings.ranking import findings_of
 
 @dataclass(frozen=True, eq=False)
 class AssociationStart:
-    """What the rounds of association and solver begin with."""
+    """The initial state of the rounds of association and solver."""
 
     run: AssociationRun
     initial: InitialAssociation | None
-    """None where no first association was found."""
+    """None if no first association was found."""
     refusal: tuple[Finding, ...] = ()
-    """Why not."""
+    """The reasons why none was found."""
 
 
 def start_association(
@@ -54,17 +54,17 @@ def start_association(
     Args:
         run: the scene and its options.
         rig: names and lenses.
-        observations: identities are tracklet numbers of each camera's own, or -1 for detections; without clocks the frame
-            numbers are counted alike.
-        options: of the association; nothing is searched where `search_s` is 0.
-        rng: drives sampling.
+        observations: identities are each camera's own tracklet numbers, or -1 for detections; without clocks, equal frame
+            numbers are simultaneous in all cameras.
+        options: options of the association; with a `search_s` of 0, no clock offset is searched for.
+        rng: random numbers for sampling.
     """
     tell, kept, executor = run.progress, run.kept, run.executor
     clocks = _clocks(rig, observations, options.person_height_m, rng)
     if kept is not None:
         kept.tell_of_others(observations, clocks, tell)
     if kept is not None and kept.has_all(observations, clocks) and not pays(0, len(rig), MAX_PROCESSES):
-        executor = None  # its processes would take longer to start than the rest takes
+        executor = None  # starting its processes would take longer than the remaining work
     cameras = build_tracklets(
         rig, observations, clocks, options.person_height_m, rng, executor, tell=tell, earlier=run.earlier.tracklets, kept=kept,
         not_people=options.stated.not_people,
@@ -104,7 +104,7 @@ def start_association(
 def _find_candidates(
     cameras: Sequence[CameraTracklets], search_s: float, options: AssociationOptions, tell: Progress
 ) -> Candidates | None:
-    """The pairs of cameras that are compared; None: all, as in small scenes, and where recordings begin at any times."""
+    """Find the pairs of cameras to compare; None: all pairs, in small scenes and where the recordings' starts are unknown."""
     names = [camera.name for camera in cameras]
     if options.groups:
         candidates = stated_candidates(names, options.groups)
@@ -126,7 +126,7 @@ def _find_starts(
     cameras: Sequence[CameraTracklets], search_s: float, options: AssociationOptions,
     affinity: Mapping[tuple[int, int], Floats], tell: Progress,
 ) -> Starts | None:  # fmt: skip
-    """When the recordings began; None where nothing was measured and all clock offsets can be searched in full."""
+    """Find the starts of the recordings; None if none was measured and all clock offsets can be searched in full."""
     if search_s <= 0 or (search_s <= FULL_SEARCH_S and not options.measured):
         return None
     tell("starts of the recordings")
@@ -134,18 +134,18 @@ def _find_starts(
 
 
 def _list_file_clocks(options: AssociationOptions) -> list[float]:
-    """How far recordings begin apart by the clocks of their files, seconds."""
+    """Return the differences between the starts of recordings by the clocks of their files, seconds."""
     return [abs(one.offset_s) for one in options.measured if one.found_by in FILE_CLOCKS]
 
 
 def _set_by_measured_starts(
     cameras: Sequence[CameraTracklets], search_s: float, options: AssociationOptions
 ) -> tuple[Sequence[CameraTracklets], float]:
-    """The cameras with clocks set by the significant starts of their recordings, and what is left to search, seconds."""
+    """Set the clocks by the significant starts of the recordings; return the cameras and the offset left to search, seconds."""
     by_clocks = _list_file_clocks(options)
     if search_s <= 0 or (search_s <= FULL_SEARCH_S and not by_clocks):
         return cameras, search_s
-    # Activity, which has to agree with the files' clocks, is compared above `FULL_SEARCH_S` only.
+    # Activity has to agree with the files' clocks, but is compared above `FULL_SEARCH_S` only.
     searched_s = search_s if search_s > FULL_SEARCH_S else max(FULL_SEARCH_S, *by_clocks) + search_s
     starts = find_starts(cameras, searched_s, options.measured, by_tracks=False)
     moved = [
@@ -158,7 +158,7 @@ def _set_by_measured_starts(
 def _swap_mirrored_joints(
     cameras: Sequence[CameraTracklets], tracklets: Tracklets, initial: InitialAssociation
 ) -> Sequence[CameraTracklets]:
-    """The cameras, left and right set right in the joints."""
+    """Exchange the left and right joints of mirrored tracklets, and return the cameras."""
     if initial.mirrored is None or not initial.mirrored.any():
         return cameras
     out = []
@@ -169,7 +169,7 @@ def _swap_mirrored_joints(
 
 
 def _clocks(rig: Rig, observations: Observations, person_height_m: float, rng: np.random.Generator) -> dict[str, Clock]:
-    """Every camera's clock; where no frame rate is known, one at which people walk as people do."""
+    """Return each camera's clock; an unknown frame rate is estimated from the speed at which people walk."""
     known, fps = observations.clocks, observations.fps
     if all(name in known for name in rig.names):
         return dict(known)

@@ -1,9 +1,9 @@
-"""The whole calibration: from a scene to the cameras' poses, in the order in which it happens.
+"""The whole calibration, from a scene to the cameras' poses, in the order of its steps.
 
 `calibrate` reads the scene. `calibrate_inputs` estimates each group of cameras that shares people, and joins groups between
-which people pass. `correct_inputs` is the estimate of one group with the corrections of its inputs, `estimate_rig` one
-estimate: rounds of association and solver. `calibrate_together` makes the result of a group in four stages. CONTRIBUTING.md,
-"How a box becomes a rig", continues from there to the normal equations.
+which people pass. `correct_inputs` estimates one group and corrects its inputs. `estimate_rig` makes one estimate: rounds of
+association and solver. `calibrate_together` makes the result of a group in four stages. CONTRIBUTING.md, "How a box becomes a
+rig", continues from there to the normal equations.
 """
 
 from __future__ import annotations
@@ -83,11 +83,11 @@ from passerby.scene.video_inputs import SceneVideoProcessor, joints_remedy
 from passerby.solver.refined_lenses import lens_notes
 
 MAX_ROUNDS = 4
-"""Rounds of association and solver in one estimate."""
+"""Largest number of rounds of association and solver in one estimate."""
 SEARCHED_ROUNDS = 2
-"""Rounds in which cameras without a pose are searched by the rig's people."""
+"""Number of rounds in which poses of cameras without one are searched for by the rig's people."""
 SETTLED = 0.98
-"""Identities have settled when this share of the pairs of tracklets that are one person stays the same in a round."""
+"""Identities have settled when this share of the pairs of tracklets of one person stays the same in a round."""
 
 
 def calibrate(
@@ -96,31 +96,31 @@ def calibrate(
 ) -> Calibration:  # fmt: skip
     """Calibrate the cameras of a scene from the people in it.
 
-    Long videos are watched in stretches, those first that teach most, until the rig measures as well as `effort` says.
+    Long videos are processed in stretches, the most informative ones first, until the rig measures as well as `effort` asks.
 
-    Too little evidence does not raise: it is a calibration with the verdict "refused" or "doubtful" and its reasons.
+    Too little evidence raises no error: the calibration gets the verdict "refused" or "doubtful" and its reasons.
 
     Args:
         scene: a scene, or the path of a scene file.
-        seed: of the random numbers (RANSAC); the same scene and seed give the same result, bit for bit.
+        seed: seed of the random numbers (RANSAC); the same scene and seed give the same result, bit for bit.
         progress: called with the name of each stage as it begins and, where its parts can be counted, with the number of parts
             that are done and their total.
-        executor: works on cameras, and on pairs of them, side by side, such as a `concurrent.futures.ProcessPoolExecutor`;
+        executor: processes cameras, and pairs of them, in parallel, such as a `concurrent.futures.ProcessPoolExecutor`;
             None: one after the other. The result does not depend on it.
-        keep: folder for the detections of the videos and each camera's tracklets, usually the output folder: a run that was
-            stopped, or is repeated with other options, goes on from there. None: nothing is kept.
-        effort: how well the rig is to measure, and how much of the videos may be watched for it; None: 5 cm.
-        show: called with the rig of each part of the videos but the last, as soon as there is one.
+        keep: folder for the detections of the videos and each camera's tracklets, usually the output folder. A run that was
+            stopped, or is repeated with other options, uses them again. None: nothing is kept.
+        effort: the wanted accuracy of the rig, and the limit of the processing time; None: 5 cm.
+        show: called with the calibration from each part of the videos but the last, as soon as it exists.
 
     Raises:
         InputError: the scene file or a file that it names is missing, broken, or contradicts another.
-        CalibrationInterrupted: a `KeyboardInterrupt` that has the rig that there was.
+        CalibrationInterrupted: a `KeyboardInterrupt` that contains the last calibration.
     """
     tell = progress or silent
     began = time.perf_counter()
     tell("reading")
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
-    solver_options(scene)  # wrong options are reported before hours are spent on videos
+    solver_options(scene)  # wrong options are reported before the videos are processed, which may take hours
     watch = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
     opened, effort = open_inputs(scene), effort or Effort()
     clocks = measure_by_sound(scene, opened)
@@ -136,7 +136,7 @@ def calibrate(
                 if size >= len(stretches):
                     raise
                 continue
-            for note in (_amount(inputs), *texts_of(inputs.findings)):  # the notes of `watch` were shown when they were found
+            for note in (_amount(inputs), *texts_of(inputs.findings)):  # the notes of `watch` have already been shown
                 tell_note(tell, note)
             reading_s = time.perf_counter() - read
             processes = worthwhile(executor, scene.size_bytes, len(scene.cameras))
@@ -156,7 +156,7 @@ def calibrate(
 
 
 class CalibrationInterrupted(KeyboardInterrupt):
-    """A calibration was interrupted when it had a rig from a part of the videos."""
+    """A calibration was interrupted after it had a result from a part of the videos."""
 
     def __init__(self, calibration: Calibration) -> None:
         super().__init__()
@@ -166,7 +166,7 @@ class CalibrationInterrupted(KeyboardInterrupt):
 def _with_videos(
     scene: Scene, watch: SceneVideoProcessor, found: Calibration, seconds: Mapping[str, float], part: Finding | None
 ) -> Calibration:
-    """A calibration with what is to be reported of the scene's videos."""
+    """Add the findings, figures and times of the scene's videos to a calibration."""
     missing = len(found.rig.posed()) < len(found.rig)
     joints = joints_remedy(scene, "refusal" if found.verdict == "refused" else "notice") if missing else None
     first = (*([joints] if joints else []), *([part] if part else []))
@@ -183,9 +183,9 @@ def calibrate_inputs(
     scene: Scene, inputs: SceneInputs, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None,
     keep: str | Path | None = None,
 ) -> Calibration:  # fmt: skip
-    """Calibrate from inputs that were read; arguments and errors as of `calibrate`.
+    """Calibrate from inputs that were read before; arguments and errors are those of `calibrate`.
 
-    Cameras that share no people with the largest group are calibrated by themselves (`Calibration.groups`).
+    Cameras that share no people with the largest group are calibrated separately (`Calibration.groups`).
     """
     kept = None if keep is None else KeptTracklets(Path(keep) / FOLDER, len(inputs.rig))
     run = CalibrationRun(scene, solver_options(scene), seed, progress or silent, executor, kept)
@@ -210,10 +210,10 @@ def calibrate_inputs(
 
 
 def join_by_passages(run: CalibrationRun, inputs: SceneInputs, found: Sequence[GroupEstimate]) -> list[GroupEstimate]:
-    """The groups of cameras, those between which people pass as one.
+    """Join the groups of cameras between which people pass, and return all groups.
 
-    Where a common rig contradicts its groups, it is tried without the passage that is seen least: what they measure would be
-    known worse.
+    If a common rig contradicts its groups, it would measure worse than they do. It is then tried again without the passage of
+    the fewest people.
     """
     if len(found) < 2 or run.scene.association.given or run.scene.solver.method != "people":
         return list(found)
@@ -242,14 +242,14 @@ def join_by_passages(run: CalibrationRun, inputs: SceneInputs, found: Sequence[G
 def correct_inputs(run: CalibrationRun, inputs: SceneInputs) -> GroupEstimate:
     """Estimate a rig. While the estimate shows a fault of the input, correct the fault and estimate again.
 
-    An estimate is six solves at most. There is one estimate, and one more for each correction: as many as there are cameras
-    (motion), three of clock offsets, three of lenses, and six of clock rates where these are refined. The check of image sizes
-    adds one solve for each camera whose people stay in a part of the image, and one.
+    An estimate takes six solves at most. There is one estimate, and one more for each correction. The largest numbers of
+    corrections are: one for each camera (motion), three of clock offsets, three of lenses, and six of clock rates if these are
+    refined. The check of image sizes adds one solve for each camera whose people stay in a part of the image, and one more.
     """
     height_m, stated = run.scene.scale.person_height_m, inputs
     motions = MotionSearch(stated, run.scene.association.given, height_m)
     began = time.perf_counter()
-    # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
+    # The systems are small: more BLAS threads only wait for each other, and their number would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
         estimate, corrections = estimate_rig(run, inputs), Corrections()
         while True:
@@ -269,25 +269,25 @@ def correct_inputs(run: CalibrationRun, inputs: SceneInputs) -> GroupEstimate:
 
 
 def calibrate_together(run: CalibrationRun, found: GroupEstimate) -> Calibration:
-    """The calibration of cameras as one rig; those that share no people with its largest group have no pose."""
+    """Make the calibration of cameras as one rig; cameras that share no people with its largest group have no pose."""
     scene, tell, stated, inputs = run.scene, run.progress, found.stated, found.inputs
     estimate, corrections, lenses, moved = found.estimate, found.corrections, found.lenses, found.moved
     height_m = scene.scale.person_height_m
     began = time.perf_counter()
     with threadpool_limits(limits=1, user_api="blas"):
-        # 1. Figures: how certain the rig is, and how well it predicts people who were held out.
+        # 1. Figures: the uncertainty of the rig, and its residuals for people who were held out.
         association = estimate.association
         shape = shape_of(estimate.solution, association.instants, height_m)
         held_out = hold_out_people(run, estimate)
         solution = add_figures(run, stated, inputs, estimate, lenses, moved, shape, held_out)
 
-        # 2. The world frame. Pixels that the scene states, and all results, are of the images as filmed.
+        # 2. The world frame. Pixels that the scene states, and all results, refer to the images as filmed.
         filmed = replace(solution, rig=turn_rig(solution.rig, undone(scene.turns)))
         solution, placed = check_known_scale(solution, align_to_scene(scene, filmed, stated.elsewhere))
         checks = check_lengths(scene.scale.checks, placed.rig, adjusted(solution.figures).scale.relative_sigma)
         of_world = (*placed.findings, *findings_of_checks(checks))
 
-        # 3. Findings, and the verdict by them.
+        # 3. Findings, and the verdict from them.
         unsettled = tuple(one for one in lenses.of("notice") if one.code == "lens_doubtful")  # may explain an uncertainty
         causes = (*stated.doubts, *findings_of_motions(moved, solution.rig), *lenses.of("doubt"), *unsettled)
         doubts = (
@@ -343,13 +343,13 @@ def calibrate_together(run: CalibrationRun, found: GroupEstimate) -> Calibration
 
 
 def estimate_rig(run: CalibrationRun, inputs: SceneInputs) -> Estimate:
-    """One estimate: identities and clocks where they are unknown, and the rig; six solves at most.
+    """Estimate the rig, and the identities and clocks if they are unknown, in six solves at most.
 
-    Identities make a rig, and the rig improves the identities, until both settle.
+    The rig is solved with the current identities, and the rig then improves the identities, until both settle.
     """
     scene, rig = run.scene, inputs.rig
     search_s = scene.association.search_s if inputs.observations.clocks else 0.0
-    # The recorders' clocks are within the offsets that are searched in full.
+    # Errors of the recorders' clocks are within the offsets that are searched in full: they help only a larger search.
     measured = tuple(one for one in inputs.measured if one.found_by != WALL_CLOCK or search_s > FULL_SEARCH_S)
     if scene.association.given:
         return estimate_with_known_identities(run, inputs, search_s, measured)
@@ -393,7 +393,7 @@ def estimate_rig(run: CalibrationRun, inputs: SceneInputs) -> Estimate:
         if rounds[-1].unchanged > SETTLED:
             break
 
-    # 3. The last solve, with all of the evidence; a second one where all clocks turn out to differ by whole frames.
+    # 3. The last solve, with all of the evidence; a second one if all clocks are found to differ by whole frames.
     run.progress("solving")
     rows = state.rows(person, offset_s, solution)
     identified, known = state.identified(rows), state.known(rows).people
@@ -415,9 +415,9 @@ def estimate_rig(run: CalibrationRun, inputs: SceneInputs) -> Estimate:
 def find_correction(
     run: CalibrationRun, motions: MotionSearch, inputs: SceneInputs, estimate: Estimate, corrections: Corrections
 ) -> tuple[Correction | None, LensExamination]:
-    """The first fault of the input that an estimate shows, corrected; and what is found of the lenses where there is none.
+    """Correct the first fault of the input that an estimate shows; if there is none, return the findings on the lenses.
 
-    Faults are looked for in this order, so that a lens is not blamed for a clock or a motion.
+    The order is clock rates, clock offsets, motion, lenses: else a fault of a clock or a motion is taken for one of a lens.
     """
     if "clock_rate" in run.scene.solver.refine and corrections.allows(ClockRateCorrection, MOST_RATE_CORRECTIONS):
         rates = correct_clock_rates(inputs, estimate)
@@ -437,12 +437,12 @@ def find_correction(
 
 
 def _states_up(scene: Scene) -> bool:
-    """Whether `[world]` sets the up direction, by points, positions or lines."""
+    """Check whether `[world]` sets the up direction, by points, positions or lines."""
     return scene.world is not None and (scene.world.tilt or bool(scene.world.lines))
 
 
 def _amount(inputs: SceneInputs) -> str:
-    """How much there is to calibrate from, in words."""
+    """Return the amount of input in words."""
     seen = inputs.observations
     boxes = sum(len(seen[name].boxes) for name in inputs.rig.names)
     joints = sum(len(seen[name].keypoints) for name in inputs.rig.names)

@@ -1,4 +1,4 @@
-"""A calibrated scene, and how it is written into its folder."""
+"""A calibrated scene, with its `calibration.json`, its files and its report."""
 
 from __future__ import annotations
 
@@ -51,44 +51,44 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A calibrated scene: the rig, how far to trust it, and what it was made from."""
+    """A calibrated scene: the rig, the evidence on its quality, and its inputs."""
 
     scene: Scene
     rig: Rig
     """World z up, ground at z = 0, metres; a camera that could not be registered has no pose."""
     verdict: Verdict
     diagnostics: tuple[Finding, ...]
-    """Evidence against the rig, then what is odd about the input."""
+    """Evidence against the rig, then notices about the input."""
     observations: Observations
-    """The people that it was computed from, with their identities."""
+    """Observations of the people that it was computed from, with their identities."""
     seed: int
     options: dict[str, Any]
-    """The solver's options, as used."""
+    """The options that the solver used."""
     figures: SolverFigures
-    """Of the solver's stages."""
+    """Figures of the solver's stages."""
     association: Association | None = None
     """Identities, and the cameras' clocks."""
     clocked: bool = False
     """Whether the cameras' frame rates are known."""
     perception: dict[str, Any] = field(default_factory=dict)
-    """JSON-ready: how people were found in the videos; empty where none was watched."""
+    """JSON-ready figures of the detection of people in the videos; empty if no video was processed."""
     wall_clock: WallClock | None = None
-    """Wall time of frame numbers, where the files of the videos tell it."""
+    """Wall time of frame numbers; None if the files of the videos do not state it."""
     world: dict[str, Any] = field(default_factory=dict)
-    """JSON-ready: how `[world]` set the frame; empty where the first camera did."""
+    """JSON-ready figures of the frame that `[world]` set; empty where the first camera set it."""
     seconds: dict[str, float] = field(default_factory=dict)
-    """Wall time by stage; never written to a file, so that the same input gives the same files."""
+    """Wall time of each stage, seconds; never written to a file, so that the same input gives the same files."""
     group: int = 1
     """Number among the groups of cameras of the scene; 1 is the largest, the main rig."""
     groups: tuple[Calibration, ...] = ()
-    """Groups of cameras that share no people with this one: calibrations of their own, in frames of their own."""
+    """Groups of cameras that share no people with this one: separate calibrations, each in its own frame."""
 
     def __repr__(self) -> str:
         return f"Calibration({self.name!r}: {self.verdict}, {len(self.rig.posed())} of {len(self.rig)} cameras registered)"
 
     def _repr_html_(self) -> str:
-        """In a notebook: the verdict with its reasons, the cameras, and the rig from above."""
-        # Drawn only where a notebook asks for it.
+        """Return the HTML for a notebook: the verdict with its reasons, the cameras, and the rig from above."""
+        # Imported only if a notebook asks for it.
         from passerby.report.notebook import Outcome, result_html
 
         outcome = Outcome(self.verdict, self.reasons, self.findings, len(self.rig))
@@ -101,7 +101,7 @@ class Calibration:
 
     @property
     def notices(self) -> tuple[Finding, ...]:
-        """The diagnostics that stop nothing."""
+        """The diagnostics that do not count against the rig."""
         return tuple(finding for finding in self.diagnostics if finding.severity == "notice")
 
     @property
@@ -111,30 +111,30 @@ class Calibration:
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What is odd about the input, one sentence each."""
+        """The notices, one sentence each."""
         return texts_of(self.notices)
 
     @property
     def accepted(self) -> bool:
-        """Whether the rig can be relied upon."""
+        """Whether the verdict is "accepted"."""
         return self.verdict == "accepted"
 
     @property
     def tracks(self) -> Mapping[str, Boxes]:
-        """By camera, its boxes with identities that are the same in all cameras: what `tracks/CAMERA.txt` holds.
+        """The boxes of each camera, with identities that are the same in all cameras: the contents of `tracks/CAMERA.txt`.
 
-        Frames are each camera's own; `passerby.trajectories(calibration)` has where people were on the ground, and when.
+        Frames are each camera's own. `passerby.trajectories(calibration)` gives the people's positions on the ground over time.
         """
         return {name: seen.boxes for name, seen in self.observations.cameras.items()}
 
     @property
     def clocks_searched(self) -> bool:
-        """Whether the cameras' clocks were searched for, rather than taken to agree."""
+        """Whether the cameras' time offsets were searched for, instead of taken to be 0."""
         return self.scene.association.search_s > 0 and self.clocked
 
     @property
     def instants(self) -> Observations:
-        """The people that all cameras saw at the same instants, as far as their clocks are known."""
+        """The observations at instants that all cameras share, as far as their clocks are known."""
         return self.observations if self.association is None else self.association.instants
 
     @property
@@ -144,46 +144,46 @@ class Calibration:
 
     @property
     def exit_status(self) -> int:
-        """0 accepted, 3 doubtful or refused; of all groups."""
+        """0 if all groups are accepted, 3 if one is doubtful or refused."""
         return 0 if self.accepted and all(one.accepted for one in self.groups) else EvidenceError.exit_status
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the observations and the wall times, as plain values for JSON."""
+        """Return all but the observations and the times of the stages, as plain values for JSON."""
         table: dict[str, Any] = plain(calibration_document(self))
         del table["scene_file"]
         return table
 
     def document(self, files: Mapping[str, str] | None = None) -> CalibrationDocument:
-        """Its `calibration.json`; `files` are the checksums of the files beside it."""
+        """Return its `calibration.json`; `files` are the checksums of the files beside it."""
         return calibration_document(self, files)
 
     def contents(self) -> Contents:
-        """What its report is made from."""
+        """Return the contents of its report."""
         return contents_of(self)
 
     def write(self, folder: str | Path, *, report: bool = True, progress: Progress | None = None) -> None:
-        """Write `rig.toml`, `calibration.json`, what was seen, and the report into a folder, each file whole or not at all.
+        """Write `rig.toml`, `calibration.json`, the tracks and the report into a folder, each file whole or not at all.
 
         `tracks/` gets CAMERA.txt (boxes) and CAMERA.json (joints), with identities over all cameras. Files of an earlier run
-        are replaced. Raises `InputError` where the folder is not writable.
+        are replaced. Raises `InputError` if the folder is not writable.
 
         Args:
-            folder: made where it does not exist.
-            report: write `report.html` too.
+            folder: the output folder; it is made if it does not exist.
+            report: whether `report.html` is written too.
             progress: called with the report's parts.
         """
         write_calibration(self, Path(folder), report=report, progress=progress)
 
     def report(self, path: str | Path) -> None:
-        """Write the report, an HTML page that opens anywhere; of more than fifty cameras with a folder of files beside it,
-        called like the page with `_files`. Raises `InputError` where `path` is not writable.
+        """Write the report, an HTML page that needs no network. For more than fifty cameras, a folder of files is written
+        beside it, with the name of the page and `_files`. Raises `InputError` if `path` is not writable.
         """
         from passerby.report.page import write_report
 
         write_report(contents_of(self), Path(path))
 
     def plot(self, view: Literal["space", "above"] = "space") -> Figure:
-        """The rig with people's trajectories as a plotly figure, in space or from above; a notebook shows it."""
+        """Draw the rig with people's trajectories as a plotly figure, in space or from above; a notebook shows it."""
         from plotly.graph_objects import Figure
 
         from passerby.report.fitted import fit_people
@@ -197,7 +197,7 @@ class Calibration:
 
 
 def contents_of(calibration: Calibration) -> Contents:
-    """The contents of a calibration that has just been made, as they would be read again."""
+    """Return the contents of the report of a new calibration, as they would be read from its folder."""
     scene = calibration.scene
     clocks = calibration.association.clocks if calibration.association else {}
     seen = Observations(calibration.observations.cameras, calibration.observations.fps, dict(clocks))
@@ -207,11 +207,11 @@ def contents_of(calibration: Calibration) -> Contents:
 
 
 COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib", "av", "onnxruntime")
-"""Whose versions can change a figure."""
+"""Libraries whose versions can change a figure."""
 
 
 def calibration_document(calibration: Calibration, files: Mapping[str, str] | None = None) -> CalibrationDocument:
-    """A calibration as its `calibration.json` has it; `files` are the checksums of the files beside it."""
+    """Return the `calibration.json` of a calibration; `files` are the checksums of the files beside it."""
     scene, association, residual_px = calibration.scene, calibration.association, _residuals(calibration)
     found = AssociationFigures() if association is None else association.figures
     clock = calibration.wall_clock
@@ -242,13 +242,13 @@ def calibration_document(calibration: Calibration, files: Mapping[str, str] | No
 
 
 def _diagnostic(finding: Finding, doubts: Sequence[Finding]) -> DiagnosticEntry:
-    """A finding, and the code of the doubt that it follows from."""
+    """Return the entry of a finding, with the code of the doubt that explains it."""
     cause = None if finding.severity == "notice" else find_cause(finding, doubts)
     return DiagnosticEntry(**diagnostic(finding), explained_by=None if cause is None else cause.code)
 
 
 def _group(one: Calibration) -> GroupEntry:
-    """What the main rig's file says of a further group."""
+    """Return the entry of a further group in the main rig's file."""
     return GroupEntry(
         group=one.group, folder=group_folder(one.group), verdict=one.verdict, registered=len(one.rig.posed()),
         cameras=tuple(one.rig.names),
@@ -256,7 +256,7 @@ def _group(one: Calibration) -> GroupEntry:
 
 
 def _entry(calibration: Calibration, camera: Camera, residual_px: float | None) -> CameraEntry:
-    """What is written of a camera. Frame f shows the world at (f - 1) / fps + time_offset_s, by the clock of the first
+    """Return the entry of a camera. Frame f shows the world at (f - 1) / fps + time_offset_s, by the clock of the first
     registered camera.
     """
     seen, association = calibration.observations[camera.name], calibration.association
@@ -275,14 +275,14 @@ def _entry(calibration: Calibration, camera: Camera, residual_px: float | None) 
 
 
 def _texts(first: WallTime | None, last: WallTime | None) -> tuple[str | None, str | None] | None:
-    """The ends of a span of wall time; None where neither is chosen."""
+    """Return the ends of a span of wall time as texts; None if neither end is chosen."""
     if first is None and last is None:
         return None
     return None if first is None else first.text, None if last is None else last.text
 
 
 def _residuals(calibration: Calibration) -> dict[str, float]:
-    """By camera: what the solver tells, or else the median reprojection error of box centres or joints, pixels."""
+    """Return each camera's median residual, pixels: the solver's, or else the reprojection error of box centres or joints."""
     solved = {one.name: one.median_residual_px for one in adjusted(calibration.figures).cameras}
     missing = [camera.name for camera in calibration.rig.posed() if solved.get(camera.name) is None]
     found = median_residuals(calibration.rig, calibration.instants) if missing else {}

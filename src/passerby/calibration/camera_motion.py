@@ -1,6 +1,6 @@
-"""Cameras that were moved, zoomed or kept turning while they filmed: the inputs are corrected for it.
+"""Correction of the inputs for cameras that were moved, zoomed or kept turning while they filmed.
 
-What a camera saw before or after a move or a zoom is left out. A slow rotation is taken out of its pixels.
+Observations from before or after a move or a zoom are left out. A slow rotation is removed from the pixels.
 """
 
 from __future__ import annotations
@@ -30,35 +30,36 @@ from passerby.people.sightings import Sightings
 from passerby.scene.inputs import SceneInputs
 
 MARGIN_S = 0.5
-"""So much is left out on both sides of a move: when it was is known to a few samples."""
+"""Time left out on both sides of a move, seconds: the time of the move is known to a few samples."""
 ALL_AROUND_UP_TO = 12
-"""Cameras of a rig in which each one is compared with the people of all others: as many as have all pairs registered."""
+"""Largest number of cameras of a rig in which each one is compared with the people of all others. Up to this number, all pairs
+are registered."""
 ON_A_FRAME = 1e-6
-"""So near to a whole frame is on it: what rounding leaves on the way through seconds."""
+"""Largest distance from a whole frame that counts as 0: rounding errors of the conversion through seconds."""
 
 
 @dataclass(frozen=True, eq=False)
 class DetectedMotion:
-    """A camera that stood elsewhere, or had another focal length, for a part of its recording."""
+    """A camera that had another pose, or another focal length, for a part of its recording."""
 
     camera: str
     first_frame: int
-    """Of the camera's own frames: the part that was left out begins here,"""
+    """First frame of the part that was left out, of the camera's own frames."""
     last_frame: int
-    """and ends here."""
+    """Last frame of this part."""
     fps: float | None
-    """Frames per second of them; None where it is not known."""
+    """Frames per second of the camera's own frames; None where it is not known."""
     change: PoseChange
     either: str | None = None
     """The other camera of a rig of two: it may have moved as well."""
 
     def seconds(self, frame: int) -> float:
-        """Of the camera's own recording."""
+        """Convert a frame to seconds of the camera's own recording."""
         return (frame - 1) / (self.fps or 1.0)
 
     @property
     def figures(self) -> MotionFigures:
-        """For reports."""
+        """Figures for reports."""
         change = self.change
         return MotionFigures(
             camera=self.camera, frames=(self.first_frame, self.last_frame),
@@ -70,9 +71,9 @@ class DetectedMotion:
 
     @property
     def finding(self) -> Finding:
-        """A move or a zoom; its frames are those of there and back, or twice that of the only one.
+        """The finding on a move or a zoom; `frames` are those of the two changes, or twice that of the only one.
 
-        It is a notice where the camera came back: the rig is right before and after.
+        It is a notice if the camera came back, since the rig is right before and after. Else it is a doubt.
         """
         change = self.change
         first, last = self.first_frame, self.last_frame
@@ -97,21 +98,21 @@ class DetectedDrift:
 
     camera: str
     frames: tuple[float, float]
-    """Of the camera's own: those of the drift's first and last knot."""
+    """The camera's own frames, fractional, at the drift's first and last knot."""
     fps: float | None
-    """Frames per second of them; None where it is not known."""
+    """Frames per second of the camera's own frames; None where it is not known."""
     drift: PoseDrift
     either: str | None = None
     """The other camera of a rig of two: it may have turned instead."""
 
     @property
     def minutes(self) -> float | None:
-        """How long it was observed; None where the frame rate is not known."""
+        """Time over which the drift was observed; None where the frame rate is not known."""
         return None if self.fps is None else (self.frames[1] - self.frames[0]) / self.fps / 60.0
 
     @property
     def figures(self) -> DriftFigures:
-        """For reports."""
+        """Figures for reports."""
         return DriftFigures(
             camera=self.camera, degrees=self.drift.degrees, pixels=self.drift.pixels, minutes=self.minutes,
             steady=self.drift.steady,
@@ -119,7 +120,7 @@ class DetectedDrift:
 
     @property
     def finding(self) -> Finding:
-        """The doubt that a drift is."""
+        """The doubt about a drift."""
         figures = self.figures
         return doubt(
             "camera_drifts", self.camera, *([self.either] if self.either else []), together=False, pixels=figures.pixels,
@@ -127,9 +128,9 @@ class DetectedDrift:
         )  # fmt: skip
 
     def corrected(self, observations: Observations, lens: Lens) -> Observations:
-        """The observations as the camera would have made them, had it kept its mean orientation.
+        """Return the observations that the camera would have made if it had kept its mean orientation.
 
-        Boxes that the image border cuts stay as they are: their cut edges are those of the image.
+        Boxes that the image border cuts off are not changed: their cut edges are those of the image.
         """
         seen = observations[self.camera]
         boxes, joints = seen.boxes, seen.keypoints
@@ -146,7 +147,7 @@ class DetectedDrift:
         return replace(observations, cameras={**observations.cameras, self.camera: found})
 
     def _shifted(self, pixels: Floats, frame: Ints, lens: Lens) -> Floats:
-        """(N, 2) pixels of frames (N,) without the drift; as they were where the lens model cannot be inverted."""
+        """Remove the drift from pixels (N, 2) of frames (N,); they are unchanged where the lens model cannot be inverted."""
         knots = self.drift.knots[[0, -1]]
         shifted = self.drift.shift(lens, pixels, np.interp(frame, self.frames, knots))
         known = np.asarray(np.isfinite(shifted).all(axis=1))
@@ -157,10 +158,10 @@ Motion = DetectedMotion | DetectedDrift
 
 
 def findings_of_motions(motions: Sequence[Motion], rig: Rig) -> list[Finding]:
-    """What moves, zooms and drifts are reported as. Moves of a camera that drifts are parts of its drift.
+    """Return the findings on moves, zooms and drifts. Moves of a camera that drifts are parts of its drift.
 
-    Where cameras drift and all but one are in motion, one finding is for all of them: the motion of the last one passes for
-    that of the others.
+    If several cameras drift and all but one or all are in motion, one finding is about all of them: the motion of the last
+    camera may look like that of the others.
     """
     drifts = [one for one in motions if isinstance(one, DetectedDrift)]
     steps = [one for one in motions if isinstance(one, DetectedMotion)]
@@ -184,19 +185,19 @@ class MotionCorrection(Correction):
 
 @dataclass(frozen=True)
 class MotionSearch:
-    """What the search for cameras in motion knows of the scene."""
+    """Data of the scene for the search for cameras in motion."""
 
     stated: SceneInputs
-    """As they were read, with the frame rates that a scene file's seconds count in."""
+    """The inputs as they were read, with the frame rates by which a scene file's seconds are counted."""
     identities_known: bool
     person_height_m: float
-    """Mean standing height."""
+    """Mean standing height, metres."""
 
 
 def correct_motion(search: MotionSearch, inputs: SceneInputs, estimate: Estimate) -> MotionCorrection | None:
-    """Find the camera whose motion explains most of what does not fit, and correct the inputs; None where none moved.
+    """Find the camera whose motion explains most of the misfit, and correct the inputs; None if none moved.
 
-    What a camera saw while it stood elsewhere is left out. A slow rotation is taken out of what it saw.
+    Observations of a camera from another pose are left out. A slow rotation is removed from its observations.
     """
     motion = _most_certain(inputs, estimate, search)
     if motion is None:
@@ -208,7 +209,7 @@ def correct_motion(search: MotionSearch, inputs: SceneInputs, estimate: Estimate
 
 
 def measure_motions(search: MotionSearch, corrections: Corrections, estimate: Estimate) -> tuple[Motion, ...]:
-    """The motions that were found, each as large as it is by the final rig; of a camera that drifts, one drift."""
+    """Measure the motions that were found again by the final rig; for a camera that drifts, return one drift."""
     found: dict[str | int, Motion] = {}
     for number, one in enumerate(corrections.of(MotionCorrection)):
         found[one.motion.camera if isinstance(one.motion, DetectedDrift) else number] = one.motion
@@ -221,10 +222,10 @@ def measure_motions(search: MotionSearch, corrections: Corrections, estimate: Es
 
 
 def _most_certain(inputs: SceneInputs, estimate: Estimate, search: MotionSearch) -> Motion | None:
-    """The camera whose motion predicts people best; others may look moved because of it.
+    """Find the motion of the camera that predicts people best; others may look moved because of it.
 
-    None where a camera that stays as it is does about as well, and where the motion changes what the rig measures by no more
-    than its uncertainty.
+    None if a camera at rest predicts them about as well, or if the motion changes the rig's measurements by no more than their
+    uncertainty.
     """
     rig, association = estimate.solution.rig, estimate.association
     centres = identified_body_centres(rig, association.instants)
@@ -260,15 +261,15 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, search: MotionSearch)
 
 
 def _span(name: str, drift: PoseDrift, observations: Observations, association: Association) -> tuple[float, float]:
-    """A camera's own frames, fractional, at the first and the last knot of a drift."""
+    """Return a camera's own frames, fractional, at the first and the last knot of a drift."""
     first, last = _own_frames(name, drift.knots[[0, -1]], observations, association).tolist()
     return first, last
 
 
 def _cameras_around(rig: Rig, instants: Observations) -> list[set[int]]:
-    """Of each camera, itself and those whose people it may see: all in small rigs, those within two overlaps in large ones.
+    """Return, for each camera, itself and the cameras whose people it may see: all in small rigs, else within two overlaps.
 
-    A camera that moved sees what lies beside its old view. With all cameras the time would grow with the square of their
+    A camera that moved sees the surroundings of its old view. With all cameras, the computing time would be quadratic in their
     number.
     """
     every = set(range(len(rig)))
@@ -283,9 +284,9 @@ def _matched(
     c: int, rig: Rig, own: Sightings | None, rays: PeopleRays, around: Collection[int], observations: Observations,
     association: Association, search: MotionSearch,
 ) -> Correspondences:  # fmt: skip
-    """All that a camera saw, with where the others `around` it see the people, by all cameras' `rays`.
+    """Match all sightings of a camera with the people's positions by the other cameras `around` it, from all cameras' `rays`.
 
-    Where identities were found, sightings from elsewhere lost theirs, or never had one: each may show anybody.
+    If identities were found by association, sightings from another pose have lost or never had one: each may show any person.
     """
     camera = rig.cameras[c]
     known, height_m = search.identities_known, search.person_height_m
@@ -294,13 +295,13 @@ def _matched(
     others = np.isin(np.arange(len(rig)), [k for k in around if k != c])[rays.camera]
     seen = np.bincount(rays.person[others], minlength=len(rays.instant)) > 0
     instants = instants_compared(own, rays.instant[seen])
-    # Only where it is compared: each instant's people are triangulated by themselves.
+    # People are triangulated only at the instants that are compared: each instant is independent of the others.
     people = rays.triangulated(height_m, others & np.isin(rays.instant, instants)[rays.person])
     return match_people(own, people, height_m, given=known, instants=instants)
 
 
 def _at_instants(name: str, observations: Observations, association: Association, rig: Rig) -> CameraObservations:
-    """What a camera saw, known or not, at the common instants."""
+    """Return all observations of a camera, with and without identities, at the common instants."""
     seen, grid = observations[name], association.instants.clocks.get(name)
     if grid is None:
         return seen
@@ -315,14 +316,14 @@ def _at_instants(name: str, observations: Observations, association: Association
 
 
 def _clock(name: str, observations: Observations, association: Association) -> Clock:
-    """A camera's clock as it was found, or else as it was stated."""
+    """Return a camera's clock as it was found, or else as it was stated."""
     return association.clocks.get(name) or clocks_of(observations, [name])[name]
 
 
 def _own_frames(
     name: str, instants: Ints | Floats, observations: Observations, association: Association
 ) -> NDArray[np.float64]:
-    """A camera's own frames, fractional, at common instants."""
+    """Return a camera's own frames (N,), fractional, at common instants (N,)."""
     grid = association.instants.clocks.get(name)
     if grid is None:
         return instants.astype(np.float64)
@@ -332,12 +333,12 @@ def _own_frames(
 
 
 def _all_frames(seen: CameraObservations) -> Ints:
-    """The frames with people in them, in order."""
+    """Return the frames with people in them, in order."""
     return np.unique(np.concatenate([seen.boxes.frame, seen.keypoints.frame]))
 
 
 def _without(observations: Observations, moved: DetectedMotion) -> Observations:
-    """The observations without what a camera saw from elsewhere, and for a moment before and after."""
+    """Remove the observations that a camera made from another pose, and those within `MARGIN_S` of them."""
     margin = MARGIN_S * (moved.fps or USUAL_FPS)
     seen = observations[moved.camera]
 
@@ -350,7 +351,7 @@ def _without(observations: Observations, moved: DetectedMotion) -> Observations:
 
 
 def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estimate, search: MotionSearch) -> DetectedMotion:
-    """The size of a motion by the rig that is right, in place of the one that the motion has bent."""
+    """Measure a motion by the corrected rig instead of the one that the motion deformed."""
     association, pose = estimate.association, estimate.solution.rig[moved.camera].pose
     if pose is None:
         return moved
@@ -362,7 +363,7 @@ def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estima
 
 
 def _drift_measured_again(found: DetectedDrift, inputs: SceneInputs, estimate: Estimate, search: MotionSearch) -> DetectedDrift:
-    """The size of a drift by the final rig, from the observations as they were read."""
+    """Measure a drift by the final rig, from the observations as they were read."""
     pose = estimate.solution.rig[found.camera].pose
     if pose is None:
         return found
@@ -375,12 +376,12 @@ def _drift_measured_again(found: DetectedDrift, inputs: SceneInputs, estimate: E
 
 
 def _matched_again(name: str, inputs: SceneInputs, estimate: Estimate, search: MotionSearch) -> Correspondences:
-    """All that a camera saw, as it was read, with where the others see the people by the final rig."""
+    """Match all sightings of a camera, as they were read, with the people's positions by the others in the final rig."""
     rig, association = estimate.solution.rig, estimate.association
     c = rig.names.index(name)
     everything = association.instants
     if search.identities_known:
-        # The instants at hand lack what was left out.
+        # `association.instants` lacks the observations that were left out.
         seen = inputs.observations
         clocks = {name: _clock(name, seen, association) for name in seen.cameras}
         grid = association.instants.clocks.get(name)

@@ -1,4 +1,4 @@
-"""`[solver] refine = ["clock_rate"]`: frame rates that are wrong, corrected by the drift of the people's times."""
+"""Correction of wrong frame rates by the drift of the people's times, for `[solver] refine = ["clock_rate"]`."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from passerby.findings.finding import Finding, notice
 from passerby.scene.inputs import SceneInputs
 
 MOST_CORRECTIONS = 6
-"""A drift of 4 % settles in three or four: each estimate shows the rest of it the better."""
+"""Largest number of corrections. A drift of 4 % settles in three or four: each estimate shows the rest of it more clearly."""
 SETTLED_SIGMAS, SETTLED_S = 8.0, 0.04
-"""A drift below so many of its sigmas, or of so little over the recording, is none: sound clocks seem to drift by as much."""
+"""A drift below this many of its sigmas, or below this many seconds over the recording, is not corrected: sound clocks seem to
+drift by as much."""
 SYSTEMATIC, SYSTEMATIC_S = 2.0, 0.02
-"""What a fitted rate is off by: so many times the scatter of the people's trajectories, and so much over the recording."""
+"""Error of a fitted rate: this many times its sigma by the scatter of the people's trajectories, and this many seconds over the
+recording."""
 
 
 def clock_skew_findings(rates: Mapping[str, FittedRate]) -> tuple[Finding, ...]:
-    """The rates that were changed."""
+    """Return a notice for each frame rate that was changed."""
     return tuple(
         notice("clock_fitted", name, fps=rate.fps, sigma=rate.sigma, stated=rate.stated)
         for name, rate in rates.items()
@@ -31,11 +33,11 @@ def clock_skew_findings(rates: Mapping[str, FittedRate]) -> tuple[Finding, ...]:
 
 
 class ClockRateCorrection(Correction):
-    """Inputs with frame rates by which people's times drift less."""
+    """Inputs with corrected frame rates."""
 
 
 def correct_clock_rates(inputs: SceneInputs, estimate: Estimate) -> ClockRateCorrection | None:
-    """Correct the frame rates by the drifts that an estimate shows; None where no rate is known, or none drifts any more."""
+    """Correct the frame rates by the drifts that an estimate shows; None if no rate is known, or if no clock still drifts."""
     clocks = _clocks(inputs)
     rest = {name: drift for name, drift in relative_to_first(estimate.association.drifts).items() if not _settled(drift)}
     if not clocks or not rest:
@@ -45,7 +47,7 @@ def correct_clock_rates(inputs: SceneInputs, estimate: Estimate) -> ClockRateCor
 
 
 def clock_rate_figures(stated: SceneInputs, corrected: SceneInputs, estimate: Estimate) -> dict[str, FittedRate]:
-    """The fitted rate of each camera, beside the stated one."""
+    """Return the fitted rate of each camera, with the stated one."""
     before, after = _clocks(stated), _clocks(corrected)
     return {
         name: FittedRate(fps=after[name].fps, stated=before[name].fps, sigma=_sigma(drift) * after[name].fps)
@@ -55,7 +57,7 @@ def clock_rate_figures(stated: SceneInputs, corrected: SceneInputs, estimate: Es
 
 
 def relative_to_first(drifts: Mapping[str, Drift]) -> dict[str, Drift]:
-    """Of two cameras the second's drift against the first, of which half was each one's; of more as they are."""
+    """Return the drifts of two cameras with that of the first as 0 and of the second relative to it; of more unchanged."""
     if len(drifts) != 2:
         return dict(drifts)
     (first, a), (second, b) = drifts.items()
@@ -63,7 +65,7 @@ def relative_to_first(drifts: Mapping[str, Drift]) -> dict[str, Drift]:
 
 
 def _clocks(inputs: SceneInputs) -> dict[str, Clock]:
-    """Each camera's clock; empty where no rate is known."""
+    """Return each camera's clock; empty if no rate is known."""
     seen = inputs.observations
     if seen.clocks or seen.fps is None:
         return dict(seen.clocks)
@@ -71,10 +73,10 @@ def _clocks(inputs: SceneInputs) -> dict[str, Clock]:
 
 
 def _sigma(drift: Drift) -> float:
-    """One sigma of a rate that was fitted, relative."""
+    """Return one sigma of a fitted rate, relative."""
     return math.hypot(SYSTEMATIC * drift.sigma, SYSTEMATIC_S / max(drift.span_s, 1.0))
 
 
 def _settled(drift: Drift) -> bool:
-    """Whether nothing is left to correct."""
+    """Check whether a drift is too small to correct."""
     return abs(drift.rate) < SETTLED_SIGMAS * drift.sigma or abs(drift.seconds) < SETTLED_S

@@ -1,4 +1,4 @@
-"""How much of the videos is watched: ever more stretches, until the rig measures as well as is wanted."""
+"""Choice of how much of the videos is processed: more and more stretches, until the rig has the wanted accuracy."""
 
 from __future__ import annotations
 
@@ -11,49 +11,49 @@ from passerby.core.figures import adjusted
 from passerby.findings.finding import Finding, notice
 
 WORTH = 0.1
-"""Twice as much video is worth its time where it lowers an uncertainty by this share or more. One that falls with the number of
-people alone falls by 29 %; one that barely falls is of something else: of a lens, of where a foot is in a box."""
+"""Twice as much video is worth its time if it lowers a sigma by this share or more. A sigma that depends on the number of
+people alone falls by 29 %. One that barely falls has another cause, such as a lens or the place of a foot in a box."""
 
 
 TARGET_M = 0.05
-"""The usual target."""
+"""Default target, metres."""
 LEAST_S = 180.0
-"""So much of the scene's time is used at least where the rig is not accepted or points miss the target: a camera's people may
-come later, and errors that no uncertainty shows, such as a detector's at one place, still fall."""
+"""Least part of the scene's time, seconds, that is used if the rig is not accepted or points miss the target. A camera's people
+may come later, and errors that no sigma includes, such as those of a detector at one place, still fall."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What is wanted; without a target and a budget the videos are watched as a whole."""
+    """The wanted accuracy, and the limit of the time; without both, the videos are processed as a whole."""
 
     target_m: float | None = TARGET_M
-    """Uncertainty, one sigma, of points by several cameras and of positions on the ground by one, metres, at which no more
-    of the videos is watched."""
+    """One sigma of points by several cameras and of positions on the ground by one, metres, at which no further stretches are
+    processed; None: no target."""
     budget_s: float | None = None
-    """Seconds after which no further stretches are begun, if they would take longer; None: no limit."""
+    """Time of the run, seconds; no further stretches are begun that would probably exceed it; None: no limit."""
 
     @property
     def limited(self) -> bool:
-        """Whether less than all of the videos may be enough."""
+        """Whether a part of the videos may be enough."""
         return self.target_m is not None or self.budget_s is not None
 
 
 @dataclass(frozen=True)
 class Step:
-    """What a rig from a part of the videos came to."""
+    """Uncertainties of a rig from a part of the videos."""
 
     used_s: float
-    """Of the scene's time."""
+    """Part of the scene's time that was used, seconds."""
     ended_s: float
-    """After the beginning of the run."""
+    """Time of the result, seconds after the beginning of the run."""
     verdict: str
     points_m: float | None
     ground_m: float | None
-    """None where there is no rig, or no camera sees the ground."""
+    """Median sigmas of points and of positions on the ground, metres; None without a rig, or if no camera sees the ground."""
 
     @classmethod
     def of(cls, found: Calibration, used_s: float, ended_s: float) -> Step:
-        """What a calibration came to."""
+        """Return the step of a calibration."""
         measuring = adjusted(found.figures).measuring
         points = None if measuring is None else measuring.points.median_mm / 1000
         ground = None if measuring is None or measuring.ground is None else measuring.ground.median_mm / 1000
@@ -61,7 +61,7 @@ class Step:
 
 
 def sizes(count: int) -> Iterator[int]:
-    """How many of so many stretches are watched in each step: one, and always twice as many."""
+    """Yield the number of stretches that are used in each step: one, then twice as many each time, up to `count`."""
     size = 1
     while size < count:
         yield size
@@ -70,9 +70,9 @@ def sizes(count: int) -> Iterator[int]:
 
 
 def is_enough(steps: Sequence[Step], effort: Effort) -> bool:
-    """Whether further stretches are not worth their time, or would take more than there is.
+    """Check whether further stretches are not worth their time, or would exceed the budget.
 
-    The first step is never enough for a target: what it says of itself is confirmed by twice as much video.
+    The first step is never enough for a target: twice as much video has to confirm its uncertainties.
     """
     last, before = steps[-1], steps[-2] if len(steps) > 1 else None
     spent_s = last.ended_s - (before.ended_s if before else 0.0)
@@ -92,9 +92,9 @@ def is_enough(steps: Sequence[Step], effort: Effort) -> bool:
 
 
 def foresee(steps: Sequence[Step], seconds: float) -> tuple[float | None, float | None]:
-    """What points and positions on the ground would be uncertain by after so many seconds of video, metres; None: unknown.
+    """Predict the sigmas of points and of positions on the ground after so many seconds of video, metres; None: unknown.
 
-    The variance of the last two steps, as a constant and a part that falls with the time used.
+    A constant and a part that is inversely proportional to the time used are fitted to the variances of the last two steps.
     """
     if len(steps) < 2:
         return None, None
@@ -110,7 +110,7 @@ def foresee(steps: Sequence[Step], seconds: float) -> tuple[float | None, float 
 
 
 def note_of_effort(steps: Sequence[Step], recorded_s: float) -> Finding | None:
-    """How much of the videos was used, and what the rest would bring; None where all was used."""
+    """Return a notice on the used part of the videos and the predicted gain from the rest; None if all was used."""
     last = steps[-1]
     if last.used_s >= recorded_s:
         return None

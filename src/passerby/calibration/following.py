@@ -1,4 +1,4 @@
-"""People's trajectories over the ground, from the output folder of a calibration."""
+"""Trajectories of people on the ground, from the output folder of a calibration."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from passerby.people.trajectories.trajectories import METHODS, TrackOptions, tra
 
 
 def trajectories_of_result(folder: OutputFolder, *, fps: float | None = None, tell: Progress = silent) -> Trajectories:
-    """Everybody's way, as `passerby track` finds it without options.
+    """Compute the trajectories of all people, as `passerby track` does without options.
 
-    Raises `InputError` where there are no boxes, or neither the calibration nor `fps` tells the frames' rate.
+    Raises `InputError` if there are no boxes, or if neither the calibration nor `fps` gives the frame rate.
     """
     return trajectories_by_rig(folder, folder.rig, folder_clocks(folder, fps), track_options(folder), tell)
 
 
 def people_of_folder(folder: OutputFolder | Path, tell: Progress = silent) -> tuple[Trajectories | None, str]:
-    """Everybody's trajectory in an output folder, for those who can do without.
+    """Compute the trajectories of all people in an output folder, without raising an error if there are none.
 
     Returns:
-        The trajectories, and why there are none: the frame rate is not known, there are no boxes, or no box has an identity.
-        Neither for a folder that is no output folder: it only holds a rig file.
+        The trajectories and an empty text; or None and the reason: the frame rate is not known, there are no boxes, or no box
+        has an identity. None and an empty text for a folder that is no output folder: it only contains a rig file.
     """
     if isinstance(folder, Path) and not ((folder / CALIBRATION_FILE).is_file() and (folder / TRACKS_FOLDER).is_dir()):
         return None, ""
@@ -40,7 +40,7 @@ def people_of_folder(folder: OutputFolder | Path, tell: Progress = silent) -> tu
 
 
 def track_options(folder: OutputFolder, method: str = "smoothed", max_gap: float = 2.0) -> TrackOptions:
-    """How to follow people: as tall as the calibration took them to be. Raises `InputError` for other than known values."""
+    """Return the options of tracking, with the typical height of the calibration. Raises `InputError` for invalid values."""
     chosen = next((one for one in METHODS if one == method), None)
     if chosen is None:
         raise InputError(f"--method {method!r}: choose one of {', '.join(METHODS)}")
@@ -52,7 +52,7 @@ def track_options(folder: OutputFolder, method: str = "smoothed", max_gap: float
 
 
 def folder_clocks(folder: OutputFolder, fps: float | None = None) -> dict[str, Clock]:
-    """Each camera's clock; `fps` counts where the calibration knows none. Raises `InputError` where it is unknown."""
+    """Return each camera's clock; `fps` is used if the calibration has no frame rate. Raises `InputError` without both."""
     if fps is not None and not 0 < fps <= 1000:
         raise InputError(f"--fps {fps:g}: give frames per second, above 0 and at most 1000")
     if folder.clocks:
@@ -69,7 +69,7 @@ def folder_clocks(folder: OutputFolder, fps: float | None = None) -> dict[str, C
 def trajectories_by_rig(
     folder: OutputFolder, rig: Rig, clocks: Mapping[str, Clock], options: TrackOptions, tell: Progress = silent
 ) -> Trajectories:
-    """The ways by the folder's boxes and a rig, both as filmed. Raises `InputError` where the folder has no box."""
+    """Compute the trajectories from the folder's boxes and a rig, both as filmed. Raises `InputError` without boxes."""
     if not any(len(boxes) for boxes in folder.boxes.values()):
         raise InputError(
             f"{folder.path / 'tracks'}: holds no box: people are tracked by boxes; calibrate with boxes, or with both"

@@ -1,4 +1,4 @@
-"""Figures of one group's rig, and the checks of it that use its people."""
+"""Figures of the rig of one group of cameras, and the checks of it that use its people."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def add_figures(
     run: CalibrationRun, stated: SceneInputs, inputs: SceneInputs, estimate: Estimate, lenses: LensExamination,
     motions: Sequence[Motion], shape: GroundShape | None, held_out: HeldOut | None,
 ) -> Solution:  # fmt: skip
-    """The solution, its figures with those of corrections, lenses, the ground, the up direction and people held out."""
+    """Add the figures of corrections, lenses, the ground, the up direction and held-out people to a solution."""
     scene, solution = run.scene, estimate.solution
     rates = None
     if "clock_rate" in scene.solver.refine and (stated.observations.clocks or stated.observations.fps is not None):
@@ -58,7 +58,7 @@ def add_figures(
 
 
 def hold_out_people(run: CalibrationRun, estimate: Estimate) -> HeldOut | None:
-    """Hold out people of a rig of the person model; the published method has no other adjustment."""
+    """Adjust the rig again without held-out people; None for method `geopose`, which has no such adjustment."""
     if estimate.solution.method != "people":
         return None
     return hold_out(estimate.solution.rig, estimate.association.instants, run.scene.scale.person_height_m, run.seed)
@@ -67,9 +67,10 @@ def hold_out_people(run: CalibrationRun, estimate: Estimate) -> HeldOut | None:
 def check_predictions(
     solution: Solution, held_out: HeldOut | None, association: Association, found: GroupEstimate
 ) -> list[Finding]:
-    """The cameras that predict people poorly, by the rig that was adjusted without some of them.
+    """Find the cameras that predict people poorly, by the rig that was adjusted without held-out people, if there is one.
 
-    Across a door cameras predict each other only as well as the relative pose of their groups is known, which is in the sigmas.
+    Predictions between the groups on both sides of a door are not used: the relative pose of the groups limits them, and its
+    uncertainty is in the sigmas.
     """
     if solution.method != "people":
         return []
@@ -84,7 +85,7 @@ def check_predictions(
 
 
 def check_image_sizes(run: CalibrationRun, found: GroupEstimate, solution: Solution, association: Association) -> list[Finding]:
-    """Images that are smaller than the lens is for, besides those that were found camera by camera."""
+    """Find images that are smaller than the lens is for, except those that were already found camera by camera."""
     known = {name for one in found.lenses.findings if one.code == "smaller_image_fits" for name in one.cameras}
     doubts = doubts_of_smaller_pictures(run, found.stated.rig, found.inputs.observations, solution, association)
     return [one for one in doubts if not known.issuperset(one.cameras)]

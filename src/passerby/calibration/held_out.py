@@ -1,10 +1,9 @@
-"""Evidence held out: what a rig says of people who had no part in it.
+"""Cross-validation of a rig by people who are held out of its adjustment.
 
-What a rig was adjusted to cannot show how good it is. So it is adjusted again without the people of every fifth stretch
-of time, and these are then compared with it: how far each camera sees them from where the other cameras locate them.
-Identities,
-the clocks and the lenses stay as the whole recording gave them; only poses, people and the noise are estimated anew. The rig
-that is written is the one from all the evidence.
+The residuals of the fitted people do not show the accuracy of a rig. So the rig is adjusted again without the people of every
+fifth stretch of time. Then the residuals of these people are computed: the distance between a person as one camera sees it
+and its position by the other cameras. Identities, clocks and lenses are those of the whole recording; only poses, people and
+the noise are estimated again. The rig that is written is the one from all the evidence.
 """
 
 from __future__ import annotations
@@ -26,39 +25,40 @@ from passerby.solver.initialisation import PeopleOptions
 from passerby.solver.readjustment import readjust
 
 STRETCH_S = 10.0
-"""Of time; a fifth of a recording that has not five of these."""
+"""Length of a stretch of time, seconds; a fifth of the recording, if it is shorter than five of these."""
 EVERY, FIRST = 5, 2
-"""One of so many stretches is held out, from this one on: neither the first nor the last of five."""
+"""One stretch in `EVERY` is held out, the first one with number `FIRST`, from 0: neither the first nor the last of five."""
 LEAST_STRETCH_S = 1.0
-"""People move too little in less to be other evidence."""
+"""Least length of a stretch, seconds: in less time people move too little to be independent evidence."""
 SIGHTINGS = 8000
-"""Of the adjustment without them, at most: it costs a part of the solve, and moves the rig by less than boxes are noisy."""
+"""Largest number of sightings in the adjustment without the held-out people. It takes a part of the time of a solve, and moves
+the rig by less than the noise of the boxes."""
 TOLERANCE = 1e-5
 FEWEST = 50
-"""Observations on each side, so that a median says something."""
+"""Least number of observations, held out and fitted, for a useful median."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """A rig that was adjusted without some of the people."""
+    """A rig that was adjusted without the held-out people."""
 
     rig: Rig
-    """In a world of its own, z up, the ground at z = 0, metres; the cameras that still have a pose."""
+    """The cameras that still have a pose, in a world of its own: z up, the ground at z = 0, metres."""
     figures: HeldOutFigures | None
-    """None where too few people are left on one side."""
+    """None if too few people are held out or fitted."""
 
 
 def hold_out(rig: Rig, instants: Observations, person_height_m: float, seed: int) -> HeldOut | None:
-    """Adjust the rig without the people held out: residuals of these, beside those of the people who were fitted.
+    """Adjust the rig without the held-out people, and compute the residuals of these and of the fitted people.
 
     Args:
-        rig: as solved; world z up, the ground at z = 0.
+        rig: the solved rig; world z up, the ground at z = 0.
         instants: people at common time steps, with identities over all cameras.
         person_height_m: typical standing height.
-        seed: of the choice among too many observations.
+        seed: seed of the random sample where there are too many observations.
 
     Returns:
-        None where the recording is too short, or no two cameras are left.
+        None if the recording is too short, or if fewer than two cameras are left.
     """
     posed = rig.posed()
     steps = _time_steps(posed, instants)
@@ -100,7 +100,7 @@ def hold_out(rig: Rig, instants: Observations, person_height_m: float, seed: int
 
 
 def is_worse(after: Estimate, before: Estimate, person_height_m: float, seed: int) -> bool:
-    """Whether an estimate lost cameras, or people who were held out disagree more with it; `hold_out` has the arguments."""
+    """Check whether an estimate lost cameras, or its held-out people have larger residuals; arguments as of `hold_out`."""
     if after.solution.verdict == "refused" or after.solution.rig.posed().names != before.solution.rig.posed().names:
         return True
     new, old = (_disagreement(one, person_height_m, seed) for one in (after, before))
@@ -108,7 +108,7 @@ def is_worse(after: Estimate, before: Estimate, person_height_m: float, seed: in
 
 
 def _disagreement(estimate: Estimate, person_height_m: float, seed: int) -> float | None:
-    """By how much people who were held out disagree with an estimate, as a share of their size; None where too few are."""
+    """Return the median residual of held-out people in an estimate, as a share of their size; None if they are too few."""
     if estimate.solution.method != "people":
         return None
     found = hold_out(estimate.solution.rig, estimate.association.instants, person_height_m, seed)
@@ -116,13 +116,13 @@ def _disagreement(estimate: Estimate, person_height_m: float, seed: int) -> floa
 
 
 def is_held_out(step: Ints, rig: Rig, instants: Observations, stretch_s: float) -> NDArray[np.bool_]:
-    """Which time steps lie in a stretch that is held out; the first stretch begins where a person is seen first."""
+    """Check whether each time step (N,) lies in a held-out stretch; the first stretch begins when a person is seen first."""
     first = int(_time_steps(rig.posed(), instants)[0])
     return np.asarray((step - first) // (stretch_s * (instants.fps or USUAL_FPS)) % EVERY == FIRST)
 
 
 def _residuals(found: Sequence[CameraDisagreements]) -> ResidualFigures | None:
-    """Of all cameras together; None of too few."""
+    """Return the residual figures of all cameras together; None for too few observations."""
     every = CameraDisagreements.joined(found)
     if len(every) < FEWEST:
         return None
@@ -137,19 +137,19 @@ def _residuals(found: Sequence[CameraDisagreements]) -> ResidualFigures | None:
 
 
 def _within(values: Floats, percent: float) -> float | None:
-    """What so many values in a hundred are not above; None where that is infinite."""
-    found = float(np.percentile(values, percent, method="inverted_cdf"))  # a value that occurs: infinite ones give no NaN
+    """Return a percentile of the values; None if it is infinite."""
+    found = float(np.percentile(values, percent, method="inverted_cdf"))  # without interpolation, infinite values give no NaN
     return found if np.isfinite(found) else None
 
 
 def _time_steps(rig: Rig, instants: Observations) -> Ints:
-    """All time steps at which a person was seen."""
+    """Return all time steps at which a person was seen."""
     frames = [part.frame for name in rig.names for part in (instants[name].boxes, instants[name].keypoints)]
     return np.unique(np.concatenate(frames)) if frames else np.zeros(0, np.int64)
 
 
 def _where(instants: Observations, wanted: Callable[[Ints], NDArray[np.bool_]]) -> Observations:
-    """What was seen at the time steps that are wanted."""
+    """Return the boxes and joints at the wanted time steps."""
     cameras = {
         name: CameraObservations(
             seen.boxes.take(np.flatnonzero(wanted(seen.boxes.frame))),

@@ -1,4 +1,4 @@
-"""Calibrating from arrays: lenses and what the cameras saw, without any file."""
+"""Calibration from arrays in memory: lenses, boxes and joints, without any file."""
 
 from __future__ import annotations
 
@@ -32,32 +32,32 @@ def calibrate_observations(
     fps: float | Mapping[str, float] | None = None, box_format: str = "ltwh", name: str = "scene", seed: int = 0,
     progress: Progress | None = None, executor: Executor | None = None, **tables: Mapping[str, Any],
 ) -> Calibration:  # fmt: skip
-    """Calibrate from what is in memory: arrays of boxes, or joints, by camera.
+    """Calibrate from arrays in memory: boxes or joints of each camera.
 
         lens = passerby.Lens((1280, 720), [[900, 0, 640], [0, 900, 360], [0, 0, 1]], [])
         passerby.calibrate_observations(
             {"C1": lens, "C2": lens}, {"C1": boxes_1, "C2": boxes_2}, fps=25, association={"mode": "given"}
         )
 
-    Everything is checked as files are, and too little evidence is a verdict, as of `calibrate`.
+    All inputs are checked as files are. Too little evidence gives a verdict and no error, as in `calibrate`.
 
     Args:
-        lenses: of each camera; or a rig, whose poses are left alone.
-        boxes: of each camera, `Boxes` or an array of (N, 6 or 7): frame, id (-1 where unknown), left, top, width, height in
-            pixels, and score; or the four numbers of `box_format`.
-        keypoints: joints, of cameras that have any; the ids are those of the boxes.
-        fps: frames per second of the frame numbers, of all cameras or of each.
-        box_format: of the arrays' four numbers, as the key `boxes` of the scene file: "ltwh", "corners", "centres", or
+        lenses: the lens of each camera; or a rig, whose poses are not used.
+        boxes: for each camera, `Boxes` or an array (N, 6 or 7): frame, id (-1 where unknown), left, top, width, height in
+            pixels, and score; or the four numbers of `box_format` in place of left, top, width, height.
+        keypoints: joints of the cameras that have any; the ids are those of the boxes.
+        fps: frames per second of the frame numbers, for all cameras or for each.
+        box_format: format of the arrays' four numbers, as the key `boxes` of the scene file: "ltwh", "corners", "centres", or
             "normalised ltwh" and so on.
-        name: what the scene is called.
-        seed: as of `calibrate`.
-        progress: as of `calibrate`.
-        executor: as of `calibrate`.
-        tables: tables of the scene file as mappings: `association`, `sites`, `scale`, `solver`, `world`. Mode "given"
-            says that an id is the same person in all cameras; without it they are found.
+        name: name of the scene.
+        seed: as in `calibrate`.
+        progress: as in `calibrate`.
+        executor: as in `calibrate`.
+        tables: tables of the scene file as mappings: `association`, `sites`, `scale`, `solver`, `world`. With mode "given" of
+            `association`, an id is the same person in all cameras; without it, identities are found.
 
     Raises:
-        InputError: a camera without a lens, an array of another shape, a setting that does not exist.
+        InputError: a camera has no lens, an array has another shape, or a setting does not exist.
     """
     known = {camera.name: camera.lens for camera in lenses} if isinstance(lenses, Rig) else dict(lenses)
     try:
@@ -84,7 +84,7 @@ def calibrate_observations(
 def _scene(
     name: str, lenses: Mapping[str, Lens], fps: float | Mapping[str, float] | None, form: BoxFormat, tables: Mapping[str, Any]
 ) -> Scene:
-    """A scene that names no files. Raises `FileFaults` (an `InputError`) as for a scene file."""
+    """Make a scene that names no files. Raises `FileFaults` (an `InputError`) as for a scene file."""
     rates = dict(fps) if isinstance(fps, Mapping) else {}
     declared: dict[str, dict[str, Any]] = {
         camera: {"intrinsics": IN_MEMORY, "tracks": IN_MEMORY, "rotate": lens.rotate} for camera, lens in lenses.items()
@@ -107,9 +107,9 @@ def _scene(
 
 
 def _boxes(camera: str, rows: Boxes | ArrayLike, form: BoxFormat, size: tuple[int, int]) -> Boxes:
-    """Boxes from an array (N, 6 or 7) of a format, in an image of (width, height).
+    """Make boxes from an array (N, 6 or 7) of a format, in an image of (width, height).
 
-    Raises `InputError`, with the camera, for one that holds no boxes.
+    Raises `InputError`, with the camera's name, if the array does not contain boxes.
     """
     if isinstance(rows, Boxes):
         return rows

@@ -1,8 +1,8 @@
-"""Groups of cameras between which people pass become one rig.
+"""Joining of groups of cameras between which people pass into one rig.
 
-Each group has its identities, its clocks and its poses already. Common identities are new: people who are at one place, by the
-motion between the groups, whenever both groups see them. One solve of all cameras then determines the relative pose of the
-groups, and how well it is known.
+Each group already has identities, clocks and poses. The identities that both groups have in common are found here: people who
+are at one place, by the motion between the groups, whenever both groups see them. One solve of all cameras then determines the
+relative pose of the groups, and its uncertainty.
 """
 
 from __future__ import annotations
@@ -47,14 +47,15 @@ from passerby.scene.inputs import SceneInputs, part_of
 from passerby.solver.initialisation import JoinedRig
 
 PRESENT_S = 0.5
-"""Two identities that one group sees within this time are two people."""
+"""Two identities that one group sees in the same interval of this length, seconds, are two people."""
 LARGER_SIGMAS = 3.0
-"""A group that has another size in the common rig, by more standard deviations of its scale, is bent by the joint."""
+"""If the size of a group changes in the common rig by more than this many standard deviations of its scale, joining deforms the
+group."""
 
 
 def find_doors(run: CalibrationRun, found: Sequence[GroupEstimate]) -> dict[tuple[int, int], Door]:
-    """Where people pass between two groups, by their numbers; nowhere where clocks may differ by more than a full search
-    tries.
+    """Find the doors between two groups, by the numbers of the groups; none if clocks may differ by more than
+    `FULL_SEARCH_S`.
     """
     height_m, search_s = run.scene.scale.person_height_m, run.scene.association.search_s
     if search_s > FULL_SEARCH_S:
@@ -84,20 +85,20 @@ def find_doors(run: CalibrationRun, found: Sequence[GroupEstimate]) -> dict[tupl
 
 
 def _places(rig: Rig, seen: Observations, found: GroupEstimate, person_height_m: float) -> Places:
-    """The places of boxes of a group, by the clocks that were found."""
+    """Return the places of a group's boxes on the ground, with times by the clocks that were found."""
     clocks = found.estimate.association.clocks
     known = {name: clocks.get(name) or clocks_of(seen, [name])[name] for name in rig.names}
     return places_of(rig, {name: seen[name].boxes for name in rig.names}, known, person_height_m)
 
 
 def nearest_door(number: int, doors: Mapping[tuple[int, int], Door]) -> Door | None:
-    """Of a group's doors that with most of the people who are needed."""
+    """Return the door of a group with the largest share of the people needed for joining; None without a door."""
     own = [door for pair, door in doors.items() if number in pair]
     return max(own, key=lambda door: door.passage.votes / door.passage.needed, default=None)
 
 
 def join_numbers(pairs: Sequence[tuple[int, int]], n: int) -> list[list[int]]:
-    """The numbers below n that chains of pairs join, those of two or more, each in ascending order."""
+    """Return the sets of two or more numbers below n that chains of pairs join, each in ascending order."""
     a, b = np.array(list(pairs), dtype=np.int64).reshape(-1, 2).T
     count, label = connected_components(csr_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)
     groups = [np.flatnonzero(label == number).tolist() for number in range(count)]
@@ -107,15 +108,15 @@ def join_numbers(pairs: Sequence[tuple[int, int]], n: int) -> list[list[int]]:
 def join_estimates(
     run: CalibrationRun, inputs: SceneInputs, own: Sequence[GroupEstimate], doors: Mapping[tuple[int, int], Door]
 ) -> GroupEstimate | None:
-    """One rig of groups between which people pass; None where that cannot be, or contradicts what the groups are.
+    """Estimate one rig of groups between which people pass; None if this fails, or if the rig contradicts its groups.
 
-    It contradicts them where a camera gets no pose, a group another size, or a doubt comes up that no group had.
+    It contradicts them if a camera gets no pose, a group gets another size, or a doubt arises that no group had.
 
     Args:
         run: the scene and its options.
-        inputs: of all cameras, as they were read.
+        inputs: the inputs of all cameras, as they were read.
         own: the groups.
-        doors: between them, by their numbers; all groups are joined by chains of these.
+        doors: the doors between two groups, by the numbers of the groups; chains of them join all groups.
     """
     began, height_m = time.perf_counter(), run.scene.scale.person_height_m
     home = _home(own)
@@ -138,7 +139,7 @@ def join_estimates(
 
 
 def _lenses(own: Sequence[GroupEstimate]) -> LensExamination:
-    """What the groups found of their lenses: a door tells no more of them."""
+    """Return the results of the groups on their lenses: a door gives no further evidence on these."""
     results = [one.lenses.result for one in own]
     unsettled = next((one for one in results if one.decision == "unsettled"), LensResult("nothing"))
     return LensExamination(
@@ -148,13 +149,13 @@ def _lenses(own: Sequence[GroupEstimate]) -> LensExamination:
 
 
 def _home(own: Sequence[GroupEstimate]) -> dict[str, int]:
-    """The group of each camera: where it has a pose, else the first that has it."""
+    """Return the group of each camera: the one in which it has a pose, else the first that contains it."""
     every = {name: g for g in reversed(range(len(own))) for name in own[g].rig.names}
     return every | {name: g for g in range(len(own)) for name in own[g].rig.posed().names}
 
 
 def _is_bent(one: GroupEstimate, together: Rig) -> bool:
-    """Whether a group's cameras have no pose in the common rig, or are apart by more or less than the group's scale allows."""
+    """Check whether one of a group's cameras lacks a pose in the common rig, or the group's size changes significantly."""
     names, sigma = one.rig.posed().names, adjusted(one.estimate.solution.figures).scale.relative_sigma
     if any(together[name].pose is None for name in names):
         return True
@@ -165,7 +166,7 @@ def _is_bent(one: GroupEstimate, together: Rig) -> bool:
 def _estimate(
     run: CalibrationRun, rig: Rig, own: Sequence[GroupEstimate], doors: Mapping[tuple[int, int], Door]
 ) -> Estimate | None:
-    """The rig of all cameras, by the people of the groups; None where no person is known to be in two, or there is no rig."""
+    """Estimate the rig of all cameras by the people of the groups; None if a door has no common person, or without a rig."""
     people = _identify(own, doors, run.scene.scale.person_height_m)
     if people is None:
         return None
@@ -217,13 +218,13 @@ def _estimate(
 def _instants(
     rig: Rig, observations: Observations, clocks: Mapping[str, Clock], pairs: Sequence[tuple[str, str]]
 ) -> Observations:
-    """The people at common time steps; at each, where cameras see them that look at one place."""
+    """Return the people at common time steps; at each step, only sightings by cameras that pairs join."""
     sizes = {camera.name: camera.lens.size for camera in rig}
     return joined_sightings(resample_to_common_steps(observations, clocks, sizes=sizes), pairs)
 
 
 def _motions_to_first(doors: Mapping[tuple[int, int], Door], n: int) -> list[GroundMotion]:
-    """From the ground and the clock of each of n groups to those of the first, by the doors with most people."""
+    """Return the motions from the ground and clock of each of n groups to those of the first, by the doors with most people."""
     found = {0: GroundMotion(1.0, 0.0, 0.0)}
     by_people = sorted(doors.items(), key=lambda item: -item[1].passage.votes)
     while len(found) < n:
@@ -238,7 +239,7 @@ def _motions_to_first(doors: Mapping[tuple[int, int], Door], n: int) -> list[Gro
 
 
 def _placed(camera: Camera, motion: GroundMotion) -> Camera:
-    """A camera of a group in the world of the first one."""
+    """Move a camera of a group into the world of the first group."""
     if camera.pose is None:
         return camera
     x, y, z = camera.centre
@@ -248,7 +249,7 @@ def _placed(camera: Camera, motion: GroundMotion) -> Camera:
 
 
 def _guesses(rig: Rig) -> list[PairHypothesis]:
-    """The relative poses of all pairs of cameras."""
+    """Return the relative poses of all pairs of cameras."""
     posed = [(c, camera.pose) for c, camera in enumerate(rig) if camera.pose is not None]
     out = []
     for a, first in posed:
@@ -260,7 +261,7 @@ def _guesses(rig: Rig) -> list[PairHypothesis]:
 
 
 def _named(seen: CameraObservations, number: Ints) -> CameraObservations:
-    """What a camera saw, with the common numbers of its people."""
+    """Return a camera's observations with the common numbers of its people."""
     boxes, joints = seen.boxes, seen.keypoints
     return replace(
         seen, boxes=replace(boxes, identity=number[boxes.identity]), keypoints=replace(joints, identity=number[joints.identity])
@@ -269,18 +270,18 @@ def _named(seen: CameraObservations, number: Ints) -> CameraObservations:
 
 @dataclass(frozen=True, eq=False)
 class _People:
-    """Who the people of all groups are."""
+    """Common identities of the people of all groups."""
 
     number: list[Ints]
-    """Of each group, its people's common numbers by their own."""
+    """For each group, an array from its own identities to the common ones."""
     together: list[tuple[str, str]]
     """Names of cameras of two groups that see people at one place."""
 
 
 def _identify(own: Sequence[GroupEstimate], doors: Mapping[tuple[int, int], Door], person_height_m: float) -> _People | None:
-    """Common identities of the people of all groups; None where a door has no common person.
+    """Find common identities of the people of all groups; None if a door has no common person.
 
-    Of two identities that one group sees at the same time, only the one that fits better is a person of another group.
+    If one group sees two identities at the same time, only the one that fits better is taken for a person of another group.
     """
     present, together = [_present(one.estimate.association) for one in own], list[tuple[str, str]]()
     persons = _Persons({(g, person): {(g, person)} for g, group in enumerate(present) for person in group})
@@ -295,7 +296,7 @@ def _identify(own: Sequence[GroupEstimate], doors: Mapping[tuple[int, int], Door
 
 
 def _present(found: Association) -> dict[int, Ints]:
-    """By person, the half seconds in which a camera sees them."""
+    """Return the numbers of the half seconds in which a camera sees a person, by person."""
     parts = [
         (part.identity, np.floor(found.clocks[name].seconds(part.frame) / PRESENT_S))
         for name, seen in found.observations.cameras.items() for part in (seen.boxes, seen.keypoints)
@@ -306,18 +307,18 @@ def _present(found: Association) -> dict[int, Ints]:
 
 
 Person = tuple[int, int]
-"""Number of the group, and of the person in it."""
+"""Number of the group, and number of the person in it."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Persons:
-    """Which people of the groups are one."""
+    """Sets of identities of all groups that belong to the same person."""
 
     alike: dict[Person, set[Person]]
-    """By person, all who are the same, this one too."""
+    """person -> all identities of the same person, this one included."""
 
     def join(self, one: Person, other: Person, present: Sequence[Mapping[int, Ints]]) -> bool:
-        """Take two for one, unless one group sees parts of both at one time; whether they are one."""
+        """Join two persons, unless one group sees both at the same time; return whether they are one."""
         if one not in self.alike or other not in self.alike:
             return False
         first, second = self.alike[one], self.alike[other]
@@ -331,7 +332,7 @@ class _Persons:
         return True
 
     def numbers(self, sizes: Sequence[int]) -> list[Ints]:
-        """Of each group, (size,) its people's common numbers from 1, by their own."""
+        """Return, for each group, an array (size,) from its own numbers of people to the common ones, which begin at 1."""
         number = {
             min(alike): rank for rank, alike in enumerate(sorted({frozenset(one) for one in self.alike.values()}, key=min), 1)
         }
@@ -342,7 +343,7 @@ class _Persons:
 
 
 def _figures(parts: Sequence[Association], home: Mapping[str, int]) -> AssociationFigures:
-    """The figures of all groups' associations, each about its own cameras."""
+    """Join the figures of all groups' associations, each with its own cameras."""
     figures = [part.figures for part in parts]
     return replace(
         figures[0],

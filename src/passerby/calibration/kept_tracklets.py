@@ -1,7 +1,8 @@
-"""Tracklets that an earlier run found in the same boxes of a camera, kept in its output folder.
+"""Storage in the output folder of tracklets, which a later run with the same boxes of a camera loads.
 
-They take most of association's time, and depend on boxes, keypoints and frame rate alone, not on lengths, heights or the world
-frame. A file is named by a key of all that decides it, the code that finds them too; one that is damaged counts as missing.
+Finding tracklets takes most of the association's time. They depend on boxes, keypoints and frame rate alone, not on lengths,
+heights or the world frame. The name of a file is a digest of all its inputs and of the code that finds tracklets. A damaged
+file counts as missing.
 """
 
 from __future__ import annotations
@@ -28,12 +29,13 @@ from passerby.interchange.storage.atomic import write_bytes
 from passerby.interchange.storage.safe_parsing import NotParsed
 
 FOLDER = "association"
-"""In the output folder."""
+"""Name of the folder inside the output folder."""
 KEPT_OF_CAMERA = 8
-"""Files for each camera; beyond that, those are deleted that were used longest ago. One run makes this many at most: from the
-boxes as they are, without what was seen from another place, and with each corrected clock rate (`MOST_CORRECTIONS`)."""
+"""Largest number of files for each camera; beyond it, the files that were used longest ago are deleted. One run makes this many
+at most: from the boxes as they are, without those from before or after a move of the camera, and with each corrected clock rate
+(`MOST_CORRECTIONS`)."""
 KEPT = 64
-"""Files in any case: runs of a few cameras with other options beside one another."""
+"""Number of files that is always allowed, so that runs of a few cameras with different options can share a folder."""
 KEY_BYTES = 16
 MADE_AGAIN = "the tracklets kept there are of other boxes or versions, and are made again"
 
@@ -44,23 +46,23 @@ class KeptTracklets:
 
     folder: Path
     cameras: int = 1
-    """Of the scene."""
+    """Number of cameras of the scene."""
 
     def has(self, seen: CameraObservations, fps: float) -> bool:
-        """Whether there is a file for these people, which may be damaged."""
+        """Check whether there is a file for these people, which may be damaged."""
         return self._path(seen, fps).is_file()
 
     def has_all(self, observations: Observations, clocks: Mapping[str, Clock]) -> bool:
-        """Whether there are files for all cameras."""
+        """Check whether there are files for all cameras."""
         return all(self.has(observations[name], clock.fps) for name, clock in clocks.items())
 
     def tell_of_others(self, observations: Observations, clocks: Mapping[str, Clock], tell: Progress) -> None:
-        """Tell where there are files, but none for any of these people: of an earlier run that cannot be gone on with."""
+        """Send a note if there are files, but none for any of these people: they are of an earlier run and of no use."""
         if any(self.folder.glob("*.npz")) and not any(self.has(observations[name], clocks[name].fps) for name in clocks):
             tell_note(tell, f"{self.folder}: {MADE_AGAIN}")
 
     def load(self, seen: CameraObservations, fps: float) -> Tracked | None:
-        """What `save` was given for these people; None where it was not."""
+        """Return the tracklets that `save` stored for these people; None without a usable file."""
         path = self._path(seen, fps)
         if not path.is_file():
             return None
@@ -74,11 +76,11 @@ class KeptTracklets:
                 return None
         named = replace(seen, boxes=replace(seen.boxes, identity=boxes), keypoints=replace(seen.keypoints, identity=joints))
         with suppress(OSError):
-            os.utime(path)  # used now: what a run needs is not deleted for what it makes
+            os.utime(path)  # marked as used now, so that the files that a run needs are not deleted for those that it makes
         return named, (ends, begins.astype(np.int64))
 
     def save(self, seen: CameraObservations, fps: float, tracked: Tracked) -> None:
-        """Keep what was found in these people; where the folder cannot be written, nothing is kept."""
+        """Store the tracklets of these people; if the folder cannot be written, nothing is stored."""
         named, (ends, begins) = tracked
         content = io.BytesIO()
         np.savez(content, boxes=named.boxes.identity, joints=named.keypoints.identity, ends=ends, begins=begins)
@@ -93,7 +95,7 @@ class KeptTracklets:
 
 
 def _key(seen: CameraObservations, fps: float) -> str:
-    """Of people and the frame rate, and of what finds tracklets in them."""
+    """Return the digest of the people, the frame rate and the code that finds tracklets."""
     digest = hashlib.blake2b(f"{_code()} {float(fps)!r} {seen.keypoints.joints}".encode(), digest_size=KEY_BYTES)
     boxes, joints = seen.boxes, seen.keypoints
     for array in (boxes.frame, boxes.identity, boxes.ltwh, boxes.score, boxes.embedding, joints.frame, joints.identity,
@@ -108,7 +110,7 @@ def _key(seen: CameraObservations, fps: float) -> str:
 
 @cache
 def _code() -> str:
-    """Digest of the code that tracklets depend on, and of the libraries' versions."""
+    """Return the digest of the code that tracklets depend on, and of the libraries' versions."""
     digest = hashlib.blake2b(f"{__version__} {np.__version__} {scipy.__version__}".encode(), digest_size=KEY_BYTES)
     package = Path(__file__).parents[1]
     for room in ("association", "core", "geometry", "common"):

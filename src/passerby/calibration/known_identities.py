@@ -1,4 +1,4 @@
-"""Identities are known: one solve, or, where the clocks are unknown, offsets by the tracks of the same people first."""
+"""Estimation with known identities: one solve; if the clocks are unknown, offsets by the tracks of the same people first."""
 
 from __future__ import annotations
 
@@ -43,26 +43,26 @@ from passerby.people.sightings import upright_sightings
 from passerby.scene.inputs import SceneInputs
 
 ANOTHER_PERSON = -1e9
-"""Log-likelihood ratio of two known people being one: they neither vote nor match."""
+"""Log-likelihood ratio that two different known people are one person: they neither vote nor match."""
 NEIGHBOURS, FARTHEST = 2, 0.5
-"""Boxes on either side, and body heights from their median beyond which a box shows another person: an even walk does not leave
-it so far within two boxes."""
+"""Number of boxes on either side, and distance from their median, in body heights, beyond which a box shows another person: an
+even walk stays nearer within two boxes."""
 
 
 def estimate_with_known_identities(
     run: CalibrationRun, inputs: SceneInputs, search_s: float, measured: Sequence[MeasuredStart]
 ) -> Estimate:
-    """The rig of cameras whose people have the same identities in all of them.
+    """Estimate the rig of cameras whose people have the same identities in all of them.
 
     Args:
         run: the scene and its options.
-        inputs: of the cameras.
-        search_s: largest difference of two cameras' clocks that is searched for; 0: the clocks are right.
+        inputs: the inputs of the cameras.
+        search_s: largest difference of two cameras' clocks that is searched for, seconds; 0: the clocks are right.
         measured: differences of two cameras' clocks that were measured without people.
 
     Returns:
-        The solution, refused where the evidence is insufficient, and the association with the identities as given. A camera
-        whose clock is not found has no pose, and a finding says so.
+        The solution, refused if the evidence is insufficient, and the association with the given identities. A camera whose
+        clock is not found gets no pose and a finding.
     """
     rng = run.rng()
     seen = _without_not_people(inputs.observations, inputs.stated)
@@ -83,7 +83,7 @@ def _estimate_with_clocks(
     run: CalibrationRun, rig: Rig, observations: Observations, search_s: float, measured: Sequence[MeasuredStart],
     known: Sequence[PersonHeight], rng: np.random.Generator,
 ) -> Estimate:  # fmt: skip
-    """Offsets by the tracks of the same people; then solve, set the clocks, and solve again."""
+    """Find clock offsets by the tracks of the same people; then solve, set the clocks, and solve again."""
     numbers = _numbers(observations)
     named = Observations({name: _renumbered(camera, numbers) for name, camera in observations.cameras.items()})
     cameras = build_tracklets(
@@ -124,7 +124,7 @@ def _begin(
     cameras: Sequence[CameraTracklets], max_offset_s: float, measured: Sequence[MeasuredStart], executor: Executor | None,
     tell: Progress,
 ) -> InitialAssociation:  # fmt: skip
-    """Register the pairs by people who are the same."""
+    """Register the pairs of cameras by the tracks of people with the same identity."""
     people = np.arange(max((camera.n_tracklets for camera in cameras), default=0))
     same = np.where(people[:, None] == people, 0.0, ANOTHER_PERSON)
     affinity = {
@@ -141,14 +141,17 @@ def _begin(
 
 
 def _numbers(observations: Observations) -> Ints:
-    """The known identities of all cameras, sorted."""
+    """Return the known identities of all cameras, sorted."""
     seen = [part.identity for camera in observations.cameras.values() for part in (camera.boxes, camera.keypoints)]
     known = np.unique(np.concatenate(seen))
     return np.asarray(known[known > UNKNOWN])
 
 
 def _renumbered(seen: CameraObservations, numbers: Ints) -> CameraObservations:
-    """Identities as their places among the numbers: matrices by identity stay small."""
+    """Replace identities by their indices in the sorted numbers, so that matrices by identity stay small.
+
+    Boxes that `find_regular_boxes` rejects lose their identity.
+    """
 
     def renumbered(identity: Ints) -> Ints:
         return np.where(identity > UNKNOWN, np.searchsorted(numbers, identity), UNKNOWN)
@@ -162,9 +165,9 @@ def _renumbered(seen: CameraObservations, numbers: Ints) -> CameraObservations:
 
 
 def find_regular_boxes(boxes: Boxes) -> Bools:
-    """(N,) which boxes lie where the neighbouring ones of their identity lead one to expect.
+    """Return whether each box (N,) is near the median of the neighbouring boxes of its identity.
 
-    One that shows another person for a moment would bend the track of its person over a second.
+    A box that shows another person for a moment would bend the track of its identity over a second.
     """
     order = np.lexsort((boxes.frame, boxes.identity))
     middle = boxes.ltwh[order, :2] + 0.5 * boxes.ltwh[order, 2:]
@@ -179,9 +182,9 @@ def find_regular_boxes(boxes: Boxes) -> Bools:
 
 
 def _without(observations: Observations, lost: Mapping[str, Finding]) -> Observations:
-    """Boxes in line and joints, the lost cameras seeing no person.
+    """Keep only regular boxes, and all joints; lost cameras get no observations.
 
-    Who is interpolated between a box of his own and one of another person is near neither.
+    An interpolation between a box of one person and a box of another would give a position where neither is.
     """
     seen = {
         name: replace(camera, boxes=camera.boxes.take(find_regular_boxes(camera.boxes)))
@@ -197,7 +200,7 @@ def _association(
     offset_s: Floats,
     solution: Solution,
 ) -> Association:  # fmt: skip
-    """The result; the first registered camera's clock is the rig's."""
+    """Return the association; the first registered camera's clock is the rig's clock."""
     offset_s = relative_to_reference(offset_s, solution.rig)
     people = [np.arange(camera.n_tracklets) for camera in cameras]
     figures = association_figures(cameras, Tracklets.of(cameras), None, initial, np.concatenate(people), offset_s)
@@ -217,13 +220,13 @@ def _association(
 
 
 def associate_synchronised(rig: Rig, observations: Observations, instants: Observations, solution: Solution) -> Association:
-    """The association where identities are given and no clock is searched for: whether the clocks keep step all the same.
+    """Return the association for given identities without a clock search, with the drifts of the clocks.
 
     Args:
         rig: names and lenses.
-        observations: as they were read, with clocks where the rates differ.
-        instants: the same at common instants.
-        solution: the rig that was made of them.
+        observations: the observations as they were read, with clocks where the rates differ.
+        instants: the same observations at common instants.
+        solution: the solution from them.
     """
     clocks = observations.clocks or ({} if observations.fps is None else dict.fromkeys(rig.names, Clock(observations.fps)))
     poses = [camera.pose for camera in solution.rig]
@@ -246,7 +249,7 @@ def associate_synchronised(rig: Rig, observations: Observations, instants: Obser
 
 
 def _without_not_people(seen: Observations, stated: StatedIdentities) -> Observations:
-    """The people without the ids, in their cameras, of what the user says is no person."""
+    """Remove the ids, in their cameras, that the user states to be no people."""
     if not stated.not_people:
         return seen
     cameras = {
@@ -257,7 +260,7 @@ def _without_not_people(seen: Observations, stated: StatedIdentities) -> Observa
 
 
 def _synchronised(rig: Rig, seen: Observations) -> Observations:
-    """The people at common time steps, by the clocks as they are stated."""
+    """Return the people at common time steps, by the stated clocks."""
     sizes = {camera.name: camera.lens.size for camera in rig}
     found = resample_to_common_steps(seen, clocks_of(seen, rig.names), sizes=sizes)
     return found if seen.clocks or seen.fps else replace(found, fps=None)

@@ -1,4 +1,4 @@
-"""Heights of people named by a pixel, given to the identities that association finds."""
+"""Assignment of the known heights of people, each named by a pixel, to the identities that association finds."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Identify = Callable[[PointedPerson], int | None]
 
 @dataclass(frozen=True)
 class PointedHeights:
-    """What the pointed-at people tell about the scale."""
+    """Known heights by identity, and findings about them."""
 
     people: tuple[PersonHeight, ...] = ()
     findings: tuple[Finding, ...] = ()
-    """Heights that are not used, and those of one person that contradict each other."""
+    """Findings about heights that are not used, and about those of one person that contradict each other."""
 
 
 def pointed_heights(pointed: Sequence[PointedPerson], identify: Identify) -> PointedHeights:
-    """The heights of the identities to which pointed-at people belong; `identify` has None for who belongs to none."""
+    """Return the heights of the identities of people named by pixels; `identify` returns None for a person without one."""
     people: list[PersonHeight] = []
     findings: list[Finding] = []
     cues: dict[int, list[CueFigures]] = {}
@@ -46,7 +46,7 @@ def pointed_heights(pointed: Sequence[PointedPerson], identify: Identify) -> Poi
 
 
 def _as_cue(one: PersonHeight) -> CueFigures:
-    """A stated height, to compare with others of the same person: its scale is that of a person one metre tall."""
+    """Return a stated height as a cue, to compare with others of the same person; its scale is relative to a height of 1 m."""
     return CueFigures(
         cue=f"height of person {one.identity}, {one.place}", kind="person", identity=one.identity, stated_m=one.metres,
         measured_m=1.0, sd_m=one.sd_m, residual_sigmas=0.0, share=0.0, own_scale=one.metres, own_sigma=one.sd_m / one.metres,
@@ -54,7 +54,7 @@ def _as_cue(one: PersonHeight) -> CueFigures:
 
 
 def unfulfilled(stated: StatedIdentities, identify: Callable[[Sighting], int | None]) -> list[Finding]:
-    """A notice for each statement of the user that the identities found do not follow."""
+    """Return a notice for each statement of the user that the identities found do not fulfil."""
     findings = []
     for groups, one_person in ((stated.same, True), (stated.different, False)):
         for group in groups:
@@ -68,22 +68,22 @@ def unfulfilled(stated: StatedIdentities, identify: Callable[[Sighting], int | N
 
 
 def identity_in(observations: Observations) -> Identify:
-    """Identifies people by the identities of their boxes or keypoints."""
+    """Return a function that identifies people by the identities of their boxes or keypoints."""
     return lambda one: identity_at(
         one, observations[one.camera], observations[one.camera].boxes.identity, observations[one.camera].keypoints.identity
     )
 
 
 def identity_at(one: PointedPerson | Sighting, seen: CameraObservations, boxes: Ints, keypoints: Ints) -> int | None:
-    """The identity of a pointed-at person.
+    """Return the identity of a person named by a pixel; None if it has none.
 
-    Where association left that very row out, the identity of its tracklet's row nearest in time.
+    If association left out the row at the pixel, the identity is that of its tracklet's row nearest in time.
 
     Args:
-        one: whom.
-        seen: what the camera saw, with tracklet numbers.
+        one: the person.
+        seen: observations of the camera, with tracklet numbers.
         boxes: (N,) identities of its boxes, -1 for no person.
-        keypoints: (M,) those of its keypoints.
+        keypoints: (M,) identities of its keypoints.
     """
     found = find_pointed(seen, one.frame, one.at)
     if found is None:

@@ -1,10 +1,10 @@
-"""Are people detected where the other cameras place them? One check of a rig by prediction, missed detections included.
+"""Check of a rig by prediction: whether people are detected where the other cameras place them, missed detections included.
 
 A person who stands upright on the ground by one camera is predicted in every other camera that should see the person whole. The
-outcome is a *hit*, a box about where it was predicted, or a *miss*. The identity that the second camera gives to the person is
-not used: a box of another name is a hit. Outcomes are counted over blocks, one person during one stretch of time, since those
-of one person go together. A camera is doubtful if it, by its own detections or by those of others, has far fewer hits beyond
-chance than the other cameras have with each other.
+outcome is a *hit*, a box near the prediction, or a *miss*. The identity of the box in the second camera is not used: a box of
+another identity is a hit. Outcomes are counted by blocks, one person during one stretch of time, since the outcomes of one
+person are correlated. A camera is doubtful if it has far fewer hits beyond chance, by its own detections or by those of others,
+than the other cameras have with each other.
 """
 
 from __future__ import annotations
@@ -27,31 +27,33 @@ from passerby.people.upright_body import ground_under, height_over, pixels_over
 from passerby.solver.adjustment_problem import AGREE_SIGMAS
 
 STRETCH_S, PARTS = (1.0, 10.0), 8
-"""A block holds one person during one of the parts of the recording, or at least and at most so many seconds: people move too
-little in less to be other evidence."""
+"""Least and largest duration of a block, seconds, and number of parts of the recording: a block is one person during one part,
+within these limits. In less time people move too little to be independent evidence."""
 MOST_BOXES = 400
-"""Of each camera, at even steps: shares are good to a few percent."""
+"""Approximate number of boxes of each camera, at even steps: shares are then accurate to a few percent."""
 LATER = 0.37
 """Hits by chance are counted with the boxes of another time, later by this share of the recording."""
 NEAR, WITHIN = (0.08, 0.2), 0.9
-"""A box is a hit if it is as near to the prediction, as a share of the height, as `WITHIN` of the other cameras' hits are to
-theirs; of the whole rig, if it agrees by the noise of its boxes (`AGREE_SIGMAS`). Both within these limits: 14 to 35 cm."""
+"""Limits of a hit's distance from the prediction, as shares of the height (14 to 35 cm), and share of hits. For one camera, a
+box is a hit if it is as near as the share `WITHIN` of the other cameras' hits. For the whole rig it is a hit if it agrees by
+the noise of the boxes (`AGREE_SIGMAS`)."""
 SEEN_NEAR = 0.3
-"""A camera can detect a person at a place in its image if it did so at another time, no farther away than this share of the
-height: with 1, people behind walls halve the hits of right cameras of simulated sites (24, 32 cameras; seeds 880, 882)."""
+"""A camera can detect a person at a place in its image if it did so at another time within this distance, as a share of the
+height. With 1, people behind walls halve the hits of right cameras of simulated sites (24, 32 cameras; seeds 880, 882)."""
 USUAL_SHARE, USUAL_BLOCKS = 0.6, 5.0
-"""Share of people that are detected where they are predicted, before any are counted, and how many blocks this counts as:
-detectors miss 5 to 30 %, and nearer people hide some."""
+"""Prior share of people who are detected where they are predicted, and its weight as a number of blocks: detectors miss 5 to
+30 %, and nearer people hide some."""
 HARMFUL_SHARE = 0.7
-"""A camera with a smaller share of the hits that are expected predicts 30 % of the people wrongly, and more."""
+"""A camera with less than this share of the expected hits predicts 30 % of the people wrongly, or more."""
 LEAST_ODDS = 3.0
-"""That the share is below the harmful one; all cameras, and all parts of the recording, share prior odds of one. What other
-limits of these two would do: docs/results/limits.md (simulated scenes, seeds from 880,000)."""
+"""Least odds that the share is below `HARMFUL_SHARE`. The prior odds of one are divided among all cameras and all parts of the
+recording. Effects of other limits of these two: docs/results/limits.md (simulated scenes, seeds from 880,000)."""
 BODY_M, MIDDLE_M = 1.75, 0.88
 FOOT_SHARE = 0.04
-"""A foot's edge is off by this share of the box's height, which along the ground is far where the camera is low."""
+"""Error of a box's lower edge, as a share of its height; for a low camera it is a long distance along the ground."""
 USUAL_SIZE = (0.75, 1.25)
-"""By foot and head a body is as tall as usual, by this factor: others are bent or half hidden, and their feet elsewhere."""
+"""Limits of a body's height, from foot to head, relative to the median. People beyond them are bent or half hidden, so that
+their feet are not at the lower edge of the box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,17 +61,18 @@ class Outcomes(Columns):
     """N predictions: one camera places a person at one instant where another camera should detect the person."""
 
     by: Ints
-    """(N,) index of the camera that places the person,"""
+    """(N,) index of the camera that places the person."""
     within: Ints
-    """(N,) and of the one in which the person is predicted."""
+    """(N,) index of the camera in which the person is predicted."""
     block: Ints
-    """(N,) the person and the stretch of time."""
+    """(N,) number of the block: the person and the stretch of time."""
     part: Ints
     """(N,) part of the recording in which the stretch begins, 0 to `PARTS` - 1."""
     residual: Floats
-    """(N,) from the predicted middle to that of the nearest box, as a share of the predicted height; infinite without a box."""
+    """(N,) distance from the predicted middle to that of the nearest box, as a share of the predicted height; infinite without
+    a box."""
     by_chance: Floats
-    """(N,) the same to boxes of another time."""
+    """(N,) the same distance to boxes of another time."""
     height_px: Floats
     """(N,) predicted height, pixels."""
 
@@ -77,13 +80,13 @@ class Outcomes(Columns):
         return len(self.block)
 
     def of_camera(self, camera: int | None) -> Bools:
-        """(N,) those in which a camera has a part."""
+        """Return whether a camera is one of the two of each prediction (N,)."""
         return np.asarray((self.by == camera) | (self.within == camera))
 
     def tolerance(self, noise: NoiseFigures | None) -> Floats:
-        """(N,) how near to the prediction a box is, as a share of the height, by the noise that the adjustment has found.
+        """Return the distances (N,) within which a box is a hit, as shares of the height, by the noise from the adjustment.
 
-        Two boxes err: the one that places the person, and the one that is found.
+        Two boxes have errors: the one that places the person, and the one that is found. Without noise it is the upper limit.
         """
         if noise is None:
             return np.full(len(self), NEAR[1])
@@ -95,7 +98,7 @@ def predict_people(rig: Rig, observations: Observations, unrecorded: Mapping[str
 
     Args:
         rig: world z up, ground z = 0, metres; cameras without a pose are left out.
-        observations: at common instants. Boxes of unknown identity count as detections, but no person is predicted from them.
+        observations: observations at common instants. Boxes of unknown identity count as detections, but predict no person.
         unrecorded: by camera, the instants at which it recorded nothing.
     """
     every = {c: _boxes_of(observations[camera.name]) for c, camera in enumerate(rig) if camera.pose is not None}
@@ -123,28 +126,28 @@ def predict_people(rig: Rig, observations: Observations, unrecorded: Mapping[str
 
 @dataclass(frozen=True)
 class PoorPrediction:
-    """A camera, or all of them (None), that predicts people poorly, during a part of the recording."""
+    """A camera, or all of them (None), that predicts people poorly, during some parts of the recording."""
 
     camera: int | None
     first: int
-    """Part of the recording,"""
+    """Number of the first part of the recording, 0 to `PARTS` - 1."""
     last: int
-    """and the last one, of `PARTS`."""
+    """Number of the last part, included."""
     share: float
-    """People who are detected where they are predicted, chance excluded,"""
+    """Share of people who are detected where they are predicted, chance excluded."""
     expected: float
-    """and as many as the other cameras, and detectors usually, have."""
+    """The same share by the other cameras and by usual detectors."""
     log_odds: float
-    """That the share is below the harmful one."""
+    """Logarithm of the odds that `share` is below the harmful share of `expected`."""
 
     @property
     def significant(self) -> bool:
-        """Whether it is a finding."""
+        """Whether it is reported as a finding."""
         return bool(self.log_odds > np.log(LEAST_ODDS))
 
 
 def findings_of_predictions(rig: Rig, outcomes: Outcomes, noise: NoiseFigures | None = None) -> list[Finding]:
-    """A doubt about each camera that predicts people poorly, worst first; one about the rig if most of them do."""
+    """Return a doubt about each camera that predicts people poorly, worst first; one about the rig if most of them do."""
     return [
         doubt(
             "people_not_predicted", *([] if one.camera is None else [rig.names[one.camera]]), share=one.share,
@@ -155,7 +158,7 @@ def findings_of_predictions(rig: Rig, outcomes: Outcomes, noise: NoiseFigures | 
 
 
 def find_poor_predictions(outcomes: Outcomes, noise: NoiseFigures | None = None) -> list[PoorPrediction]:
-    """The cameras that predict people poorly, worst first, each without the outcomes of those before it; or the whole rig."""
+    """Find the cameras that predict people poorly, worst first, each without the outcomes of those before; or the whole rig."""
     cameras = len(np.unique(np.append(outcomes.by, outcomes.within)))
     whole = worst_part(outcomes, None, cameras, noise=noise)
     if whole is None or whole.significant:
@@ -176,14 +179,14 @@ def find_poor_predictions(outcomes: Outcomes, noise: NoiseFigures | None = None)
 def worst_part(
     outcomes: Outcomes, camera: int | None, cameras: int, harmful: float = HARMFUL_SHARE, noise: NoiseFigures | None = None
 ) -> PoorPrediction | None:
-    """The part of the recording during which a camera most significantly predicts people worse than the other cameras do.
+    """Find the part of the recording during which a camera most significantly predicts people worse than the other cameras.
 
     Args:
-        outcomes: of all cameras.
-        camera: index; None: the whole rig, against what is usual.
-        cameras: of the rig.
+        outcomes: outcomes of all cameras.
+        camera: index of the camera; None: the whole rig, compared with the usual share.
+        cameras: number of cameras of the rig.
         harmful: see `HARMFUL_SHARE`.
-        noise: of the boxes that the adjustment used. If these are few of all, the others are far off by this noise.
+        noise: noise of the boxes that the adjustment used. If these are few of all boxes, the others are far off by this noise.
 
     Returns:
         None without outcomes, or if all are of this camera.
@@ -216,10 +219,10 @@ def worst_part(
 
 
 def _log_odds(hits: Floats, due: Floats, limit: float) -> float:
-    """That the share of hits is below a limit, by Student's distribution of the mean score of N blocks over its standard error.
+    """Compute the log-odds that the share of hits is below a limit, by Student's distribution of the mean score of N blocks.
 
-    The score of a block is how many more people are missed than the limit allows. One more block, without a miss, keeps few
-    blocks from deciding.
+    The score of a block is the number of missed people above that which the limit allows. One block without a miss is added, so
+    that a few blocks are not significant.
     """
     score = np.append(limit * due - hits, (limit - 1.0) * due.mean())
     z = score.mean() / max(score.std(ddof=1) / np.sqrt(len(score)), 1e-9)
@@ -228,7 +231,7 @@ def _log_odds(hits: Floats, due: Floats, limit: float) -> float:
 
 
 def _recorded(frame: Ints, boxes: Boxes, silent: float, unrecorded: Ints | None) -> Bools:
-    """(N,) whether a camera recorded: not in its gaps, nor where it has no box for longer than `silent` frames."""
+    """Return whether a camera recorded at frames (N,): not in its gaps, nor without a box for more than `silent` frames."""
     steps = np.unique(boxes.frame)
     after = np.searchsorted(steps, frame)
     inside = (after < len(steps)) & (frame >= steps[0])
@@ -240,7 +243,7 @@ def _recorded(frame: Ints, boxes: Boxes, silent: float, unrecorded: Ints | None)
 
 
 def _boxes_of(seen: CameraObservations) -> Boxes:
-    """A camera's boxes; of joints alone those that would reach from the heads to the feet of the same people."""
+    """Return a camera's boxes; from joints alone, boxes from the heads to the feet of the same people."""
     if len(seen.boxes) or not len(seen.keypoints):
         return seen.boxes
     people = segments_of_keypoints(seen.keypoints, named=True, unknown=True)
@@ -255,20 +258,20 @@ class _Standing(Columns):
     """N people who stand upright on the ground by one camera's boxes."""
 
     by: Ints
-    """(N,) the camera."""
+    """(N,) index of the camera."""
     frame: Ints
     identity: Ints
     nearest: Floats
-    """(N, 2) where they stand if the box's lower edge is too low, metres,"""
+    """(N, 2) positions on the ground if the box's lower edge is too high, metres."""
     farthest: Floats
-    """(N, 2) and if it is too high."""
+    """(N, 2) positions on the ground if it is too low, metres."""
 
     def __len__(self) -> int:
         return len(self.by)
 
 
 def _standing(number: int, camera: Camera, boxes: Boxes) -> _Standing:
-    """The people who stand upright on the ground, by one camera, which has a number."""
+    """Return the people who stand upright on the ground, by the boxes of one camera with an index."""
     rows = np.flatnonzero((boxes.identity > UNKNOWN) & boxes.inside(camera.lens.size))
     rows = rows[:: max(1, len(rows) // MOST_BOXES)]
     top, bottom = ends_of_boxes(boxes.ltwh[rows], lean_in_image(camera))
@@ -286,25 +289,25 @@ class _InView:
     """M people who should be seen whole by a camera, in its pixels."""
 
     boxes: Boxes
-    """What it saw, by frame."""
+    """Boxes of the camera, sorted by frame."""
     row: Ints
-    """(M,) which of the people each is."""
+    """(M,) rows of the people in `_Standing`."""
     frame: Ints
     nearest: Floats
-    """(M, 2) the body's middle if the person stands nearest to the camera that sees it,"""
+    """(M, 2) the body's middle if the person stands nearest to the camera that places it."""
     farthest: Floats
-    """(M, 2) and if farthest from it."""
+    """(M, 2) the body's middle if the person stands farthest from that camera."""
     tall: Floats
-    """(M,) height that is expected."""
+    """(M,) expected height, pixels."""
 
     @property
     def middle(self) -> Floats:
-        """(M, 2) of the body, where the person most likely stands."""
+        """(M, 2) the body's middle at the most likely position."""
         return 0.5 * (self.nearest + self.farthest)
 
     @classmethod
     def of(cls, standing: _Standing, camera: Camera, boxes: Boxes, apart: float) -> _InView:
-        """People with feet and head well inside the image that nothing should keep from being detected."""
+        """Select the people with feet and head well inside the image who are not hidden and can be detected there."""
         place = 0.5 * (standing.nearest + standing.farthest)
         feet, head = pixels_over(camera, place, 0.0), pixels_over(camera, place, BODY_M)
         size = np.array(camera.lens.size, dtype=np.float64)
@@ -321,16 +324,16 @@ class _InView:
         return cls(boxes, row[keep], found.frame[keep], found.nearest[keep], found.farthest[keep], found.tall[keep])
 
     def detectable(self, apart: float) -> Bools:
-        """(M,) whether anyone was detected as near and as large, more than `apart` frames earlier or later.
+        """Return whether a person of similar place and size was detected more than `apart` frames earlier or later (M,).
 
-        People behind a wall or a pillar never are.
+        People behind a wall or a pillar are never detected.
         """
         known = self.boxes.take(np.arange(0, len(self.boxes), max(1, len(self.boxes) // (5 * MOST_BOXES))))
         known = known.take(np.argsort(known.ltwh[:, 3]))
         tall, middle = known.ltwh[:, 3], known.ltwh[:, :2] + known.ltwh[:, 2:] / 2
         out = np.zeros(len(self.row), dtype=bool)
         for rows in np.array_split(np.argsort(self.tall), len(out) // 50 + 1):
-            # People and boxes go by size: each group of people is compared with the boxes about as large alone.
+            # People and boxes are sorted by size: each group of people is compared only with boxes of similar size.
             least, most = (self.tall[rows, None] * factor for factor in USUAL_SIZE)
             about = slice(*np.searchsorted(tall, (least.min(initial=np.inf), most.max(initial=0.0))))
             dx, dy = (middle[about, k] - self.middle[rows, k : k + 1] for k in (0, 1))
@@ -340,7 +343,7 @@ class _InView:
         return out
 
     def hidden(self, feet: Floats) -> Bools:
-        """(M,) whether the box of another person, nearer to the camera, covers the middle; `feet` (M, 2), pixels."""
+        """Return whether the box of another person, nearer to the camera, covers the middle (M,); `feet` (M, 2), pixels."""
         out = np.zeros(len(self.row), dtype=bool)
         for rows, boxes in self._at_once(0.0):
             x, y, w, h = self.boxes.ltwh[boxes].T
@@ -350,7 +353,7 @@ class _InView:
         return out
 
     def residual(self, later: float) -> Floats:
-        """(M,) to the nearest box so much of the recording later, as a share of the predicted height."""
+        """Return the distances (M,) to the nearest box, as shares of the predicted height; `later`: share of the recording."""
         out = np.full(len(self.row), np.inf)
         middles = self.boxes.ltwh[:, :2] + self.boxes.ltwh[:, 2:] / 2
         for rows, boxes in self._at_once(later):
@@ -359,7 +362,7 @@ class _InView:
         return out
 
     def _at_once(self, later: float) -> Iterator[tuple[Ints, Ints]]:
-        """Pairs of people and boxes at the same instant, or that share of the recording later; each person once at most."""
+        """Yield pairs of people and boxes at one instant, or that share of the recording later; a person once in each batch."""
         begin, end = int(self.boxes.frame[0]), int(self.boxes.frame[-1])
         length = end - begin + 1
         frame = begin + (self.frame - begin + round(later * length)) % length
@@ -370,7 +373,7 @@ class _InView:
 
 
 def _from_segment(point: Floats, start: Floats, end: Floats) -> Floats:
-    """(N,) distances of points from segments, all (N, 2)."""
+    """Return the distances (N,) of points (N, 2) from segments with ends (N, 2)."""
     along = end - start
     length = np.maximum(np.einsum("nk,nk->n", along, along), 1e-9)
     share = np.clip(np.einsum("nk,nk->n", point - start, along) / length, 0.0, 1.0)

@@ -1,7 +1,7 @@
-"""Cameras that show other things than their observations are taken for: late clocks are corrected, the rest is reported.
+"""Cameras whose observations were misread, for example with a late clock: late clocks are corrected, other faults are reported.
 
 The test is that of `hypotheses.observations`. Images that are mirrored, turned or of another size are not corrected: a rig for
-them would not be one for the images that there are.
+the corrected images would not fit the images that the user has.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from passerby.scene.inputs import SceneInputs
 from passerby.solver.people import PeopleSolution
 
 MOST_CORRECTIONS = 3
-"""Clocks that are corrected at most: where more are wrong, nothing says which are right."""
+"""Largest number of clocks that are corrected: if more are wrong, there is no evidence which ones are right."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClockCorrection(Correction):
-    """Inputs with the clock of one camera as people fit it."""
+    """Inputs with the clock of one camera corrected by people."""
 
     found: ReadCamera
     tentative: ClassVar[bool] = True
 
 
 def read_cameras(inputs: SceneInputs, estimate: Estimate) -> list[ReadCamera]:
-    """The cameras whose observations another reading explains better.
+    """Find the cameras whose observations another reading explains better.
 
-    None where people walk on one line: an image and its mirror image are the same there.
+    The list is empty if people walk on one line: there an image and its mirror image are the same.
     """
     seen = inputs.observations
     rig, instants = estimate.solution.rig, estimate.association.instants
@@ -45,11 +45,11 @@ def read_cameras(inputs: SceneInputs, estimate: Estimate) -> list[ReadCamera]:
 
 
 def correct_late_clock(inputs: SceneInputs, read: Sequence[ReadCamera]) -> ClockCorrection | None:
-    """Correct the clock offset that the people of the other cameras contradict most; None where they contradict none.
+    """Correct the clock offset that the people of the other cameras contradict most; None if they contradict none.
 
     Args:
-        inputs: of the estimate.
-        read: of `read_cameras`.
+        inputs: inputs of the estimate.
+        read: result of `read_cameras`.
     """
     one = next((one for one in read if one.decision == "correct"), None)
     if one is None or one.reading.late_s is None:
@@ -61,11 +61,11 @@ def correct_late_clock(inputs: SceneInputs, read: Sequence[ReadCamera]) -> Clock
 
 
 def findings_of_readings(estimate: Estimate, read: Sequence[ReadCamera]) -> tuple[Finding, ...]:
-    """What is found of cameras whose observations another reading explains better, in an estimate that stands.
+    """Return the findings on cameras whose observations another reading explains better, in a final estimate.
 
     Args:
-        estimate: in which no other fault of the input is found.
-        read: of `read_cameras`.
+        estimate: the estimate, in which no other fault of the input is found.
+        read: result of `read_cameras`.
     """
     found, solution = tuple(misread(one) for one in read), estimate.solution
     if not isinstance(solution, PeopleSolution) or solution.verdict == "refused":
@@ -75,5 +75,5 @@ def findings_of_readings(estimate: Estimate, read: Sequence[ReadCamera]) -> tupl
 
 
 def findings_of_corrected_clocks(corrections: Corrections) -> tuple[Finding, ...]:
-    """A notice about each clock that was corrected."""
+    """Return a notice about each clock that was corrected."""
     return tuple(misread(one.found, corrected=True) for one in corrections.of(ClockCorrection))

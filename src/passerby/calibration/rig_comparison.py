@@ -1,4 +1,4 @@
-"""Two rigs of the same cameras on people of a recording that neither was made from."""
+"""Comparison of two rigs of the same cameras on the people of a recording that was used for neither."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def compare_rigs(
     first: Rig, second: Rig, people: Scene | str | Path, *, shape: bool = False, seed: int = 0,
     progress: Progress | None = None, executor: Executor | None = None,
 ) -> PeopleComparison:  # fmt: skip
-    """Hold two rigs against the people of a recording.
+    """Compare two rigs by the people of a recording.
 
     Args:
-        first: metres, z up, the ground at z = 0.
-        second: likewise, of the same cameras by name.
-        people: a scene, or its file, which is calibrated to learn identities and clock offsets (its own poses are not
-            used); or the output folder of a calibration, whose tracks are taken.
-        shape: move the second rig onto the first by the best similarity before.
-        seed: of the calibration.
-        progress: as of `calibrate`.
-        executor: as of `calibrate`.
+        first: a rig, metres, z up, the ground at z = 0.
+        second: another rig of the same cameras, by name, in the same form.
+        people: a scene, or its file, which is calibrated to find identities and clock offsets (its poses are not used); or
+            the output folder of a calibration, whose tracks are used.
+        shape: whether the second rig is first moved onto the first by the best similarity.
+        seed: seed of the calibration.
+        progress: as in `calibrate`.
+        executor: as in `calibrate`.
 
     Raises:
-        InputError: a file is missing or broken, or the rigs have not two cameras in common.
+        InputError: a file is missing or broken, or the rigs have fewer than two cameras in common.
         EvidenceError: the scene's people could not be associated, or are too few.
     """
     if not isinstance(people, Scene) and (Path(people) / CALIBRATION_FILE).is_file():
@@ -53,8 +53,8 @@ def compare_rigs(
 
 
 def _people_of_folder(folder: Path) -> tuple[Observations, float, dict[str, int]]:
-    """The people in a calibration's tracks at common time steps, upright, and how tall it took them to be; and by how much
-    cameras on their sides are turned.
+    """Return the people in a calibration's tracks at common time steps, their typical height in metres, and the rotations of
+    the cameras that were mounted on their sides, by camera.
     """
     contents = contents_from(folder)
     seen = contents.observations

@@ -1,4 +1,4 @@
-"""What one calibration works with: the scene and its options, an estimate, and corrections of the input."""
+"""Data of one calibration: the scene and its options, an estimate, and corrections of the input."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SolverOptions = PeopleOptions | GeoPoseOptions
 
 @dataclass(frozen=True, eq=False)
 class EarlierAssociation:
-    """What other estimates of a scene have found of single cameras and of pairs, used again where their input is the same."""
+    """Results of other estimates of a scene for single cameras and for pairs, used again if their input is the same."""
 
     tracklets: EarlierTracklets = field(default_factory=earlier_tracklets)
     pairs: EarlierPairs = field(default_factory=earlier_pairs)
@@ -32,20 +32,20 @@ class EarlierAssociation:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationRun:
-    """What is the same for all estimates of one scene."""
+    """The data that are the same for all estimates of one scene."""
 
     scene: Scene
     options: SolverOptions
     seed: int = 0
     progress: Progress = silent
     executor: Executor | None = None
-    """Works on cameras, on pairs of them and on zones of large rigs side by side."""
+    """Processes cameras, pairs of them and zones of large rigs in parallel; None: one after the other."""
     kept: KeptTracklets | None = None
-    """Tracklets of earlier runs, and of this one for the next."""
+    """Tracklets of earlier runs, to which those of this run are added; None: none are kept."""
     earlier: EarlierAssociation = field(default_factory=EarlierAssociation)
 
     def rng(self) -> np.random.Generator:
-        """Random numbers of one estimate, from their beginning: no estimate depends on another one."""
+        """Return the random numbers of one estimate, from their beginning: no estimate depends on another one."""
         return np.random.default_rng(self.seed)
 
 
@@ -59,14 +59,14 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """Inputs without a fault that an estimate showed in them. Each kind of fault adds what it was."""
+    """Inputs after the correction of a fault that an estimate showed. Subclasses, one for each kind of fault, describe it."""
 
     inputs: SceneInputs
     tentative: ClassVar[bool] = False
-    """Whether it is dropped where the estimate after it is worse than that before."""
+    """Whether it is dropped if the estimate after it is worse than that before."""
 
     def explains(self, after: Estimate, before: Estimate, person_height_m: float) -> bool:
-        """Whether what looked like this fault before is gone after."""
+        """Check whether the sign of this fault, present in the estimate before, is gone after."""
         return True
 
 
@@ -75,15 +75,15 @@ Kind = TypeVar("Kind", bound=Correction)
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """The corrections of the input, in the order in which they were made, and those that made the estimate worse."""
+    """The corrections of the input in the order in which they were made, and those that were dropped."""
 
     made: tuple[Correction, ...] = ()
     dropped: tuple[Correction, ...] = ()
 
     def of(self, kind: type[Kind]) -> tuple[Kind, ...]:
-        """Those of one kind that were made."""
+        """Return the corrections of one kind that were made."""
         return tuple(one for one in self.made if isinstance(one, kind))
 
     def allows(self, kind: type[Correction], most: int) -> bool:
-        """Whether one more of a kind may be made: fewer than `most` were, and none was dropped."""
+        """Check whether one more of a kind may be made: fewer than `most` were made, and none was dropped."""
         return len(self.of(kind)) < most and not any(isinstance(one, kind) for one in self.dropped)

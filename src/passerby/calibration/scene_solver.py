@@ -1,4 +1,4 @@
-"""From people at common time steps to a rig, by the solver of the scene."""
+"""Solution of a rig from people at common time steps, by the method that the scene names."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.people import PeopleOptions, solve_people
 
 PASSING_SIGHTINGS, PASSING_JOINTS = 8000, 4000
-"""Observations of people, and of their joints, in the solutions between two rounds of association: enough to place people to a
-fraction of their width."""
+"""Largest numbers of observations of people, and of their joints, in a solution between two rounds of association. They are
+enough to place people to a fraction of their width."""
 PASSING_TOLERANCE = 1e-5
-"""Relative gain at which such a solution ends: the last one is more exact."""
+"""Relative gain at which the adjustment of such a solution ends. The last solution is more exact."""
 
 
 def solve_scene(
@@ -37,19 +37,19 @@ def solve_scene(
     *, guesses: Sequence[PairHypothesis] = (), known: Sequence[PersonHeight] = (), passing: bool = False,
     refine_time: bool = False, lenses: Rig | None = None, begin: JoinedRig | None = None,
 ) -> Solution:  # fmt: skip
-    """Solve a rig by the method of the scene; insufficient evidence gives the verdict `refused`, without poses.
+    """Solve a rig by the method that the scene names; insufficient evidence gives the verdict `refused`, without poses.
 
     Args:
         run: the scene and its options.
-        rig: names and lenses as stated; poses in it are not read.
+        rig: names and lenses as stated; its poses are not used.
         synchronised: people at common time steps, with identities that hold over all cameras.
-        rng: of the estimate; its numbers continue from solve to solve.
+        rng: random numbers of the estimate; one solve continues the sequence of the last.
         guesses: relative poses of pairs of cameras, found before.
-        known: heights of people by identity, metres, beside those that the scene states.
-        passing: another solve follows, so that a part of the evidence is enough.
+        known: heights of people by identity, metres, in addition to those that the scene states.
+        passing: whether another solve follows, so that a part of the evidence is enough.
         refine_time: whether the errors of the clocks are unknowns.
         lenses: names and lenses to begin with, where they are known better than as stated.
-        begin: a rig that is put together from groups; else all poses are sought.
+        begin: a rig that was joined from groups, to begin with; None: all poses are sought.
     """
     scene, options = run.scene, _options_of_solve(run.options, rig, passing=passing, refine_time=refine_time)
     rig = lenses or rig
@@ -68,7 +68,7 @@ def solve_scene(
 
 
 def _options_of_solve(options: SolverOptions, rig: Rig, *, passing: bool, refine_time: bool) -> SolverOptions:
-    """The options of one solve: unknown lenses and clocks are estimated, and a passing solve uses less."""
+    """Return the options of one solve: unknown lenses and clocks are estimated, and a passing solve uses less evidence."""
     if isinstance(options, GeoPoseOptions):
         return options
     if any(camera.lens.uncalibrated for camera in rig):
@@ -84,7 +84,7 @@ def _options_of_solve(options: SolverOptions, rig: Rig, *, passing: bool, refine
 
 
 def solver_options(scene: Scene) -> SolverOptions:
-    """The options dataclass of the scene's method. Raises `InputError` for a key or a value that it does not take."""
+    """Return the options of the scene's method. Raises `InputError` for a key or a value that the method does not accept."""
     chosen = dict(scene.solver.options)
     if lenses := tuple(part for part in LENS_PARTS if part in scene.solver.refine):
         chosen.setdefault("refine_lens", lenses)

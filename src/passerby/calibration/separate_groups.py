@@ -1,7 +1,7 @@
-"""Groups of cameras that share no people: each becomes a rig of its own, with its own frame, metre, clock and verdict.
+"""Groups of cameras that share no people: each becomes a separate rig, with its own frame, scale, clock and verdict.
 
-The largest group is the main rig. Another group never changes it, and nothing that is wrong with one group costs another.
-Groups between which people pass are joined first.
+The largest group is the main rig. Other groups never change it, and a fault of one group has no effect on another. Groups
+between which people pass are joined first.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from passerby.interchange.output_folder import group_folder
 from passerby.scene.inputs import SceneInputs
 
 FEWEST = 2
-"""Cameras of a rig."""
+"""Least number of cameras of a rig."""
 
 
 @dataclass(frozen=True, eq=False)
 class GroupEstimate:
-    """An estimate of a group of cameras, after the corrections of the inputs that it asked for."""
+    """An estimate of a group of cameras, after the corrections of its inputs."""
 
     stated: SceneInputs
-    """As they were read."""
+    """The inputs as they were read; the next field has them after the corrections."""
     inputs: SceneInputs
     estimate: Estimate
     corrections: Corrections
@@ -39,11 +39,11 @@ class GroupEstimate:
     moved: tuple[Motion, ...]
     """The motions of cameras, measured by the final rig."""
     seconds: float
-    """Wall time."""
+    """Wall time of the estimate."""
     doors: tuple[Door, ...] = ()
-    """Where people pass between the groups of cameras that it joins."""
+    """Doors between the groups of cameras that it joins."""
     nearest: Door | None = None
-    """Where most people may pass to a group that it does not join."""
+    """The door to a group that it does not join, with the largest share of the people needed for joining; None without one."""
 
     @property
     def rig(self) -> Rig:
@@ -58,7 +58,7 @@ class GroupEstimate:
 
 
 def join_groups(found: Sequence[tuple[GroupEstimate, Calibration]], tell: Progress) -> Calibration:
-    """The first calibration, with those of all other groups in it."""
+    """Return the first calibration, which contains those of all other groups."""
     (_, main), *others = found
     if not others:
         return main
@@ -70,7 +70,7 @@ def join_groups(found: Sequence[tuple[GroupEstimate, Calibration]], tell: Progre
 
 
 def _doubt_groups_once(main: Calibration, groups: Sequence[Calibration]) -> list[Finding]:
-    """The findings of the main group. The cameras of the other groups are one doubt: groups may have been joined meanwhile."""
+    """Return the findings of the main group, with one doubt for all cameras of other groups: some were joined since."""
     elsewhere = {name for one in groups for name in one.rig.posed().names}
     causes = {
         number: why
@@ -94,7 +94,10 @@ def _doubt_groups_once(main: Calibration, groups: Sequence[Calibration]) -> list
 
 
 def stated_parts(names: Sequence[str], stated: Sequence[Sequence[str]]) -> list[list[str]]:
-    """The cameras in parts that no chain of stated groups connects, in the order of the names; one part without any."""
+    """Divide the cameras into parts that no chain of stated groups connects, in the order of the names.
+
+    Without stated groups there is one part.
+    """
     if not stated:
         return [list(names)]
     part = {name: number for number, name in enumerate(names)}
@@ -105,7 +108,7 @@ def stated_parts(names: Sequence[str], stated: Sequence[Sequence[str]]) -> list[
 
 
 def unplaced_groups(run: CalibrationRun, found: GroupEstimate) -> list[list[str]]:
-    """Groups of cameras without a pose that share people with each other; none where there is no rig at all."""
+    """Find groups of cameras without a pose that share people with each other; none if no camera has a pose."""
     rig, seen = found.rig, found.estimate.association.instants
     without = [camera.name for camera in rig if camera.pose is None]
     if len(without) < FEWEST or len(without) == len(rig) or run.scene.solver.method != "people":
@@ -115,7 +118,7 @@ def unplaced_groups(run: CalibrationRun, found: GroupEstimate) -> list[list[str]
 
 
 def _finding(one: Calibration, nearest: Door | None) -> Finding:
-    """The notice in the main result that a group has one of its own, and what is nearest to joining it."""
+    """Return the notice in the main result on a separate group, with the door that is nearest to joining it."""
     joint = {} if nearest is None else {
         "nearest": list(nearest.nearest), "people": nearest.passage.votes, "needed": nearest.passage.needed,
         "open": not nearest.passage.turn_known,

@@ -1,4 +1,4 @@
-"""When a camera did not record: no person can be missed in a gap between the pieces of a recording."""
+"""Times at which a camera did not record: no person can be missed in a gap between the pieces of a recording."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Spans = Sequence[tuple[float, float]]
 
 
 def unrecorded_instants(gaps: Mapping[str, Spans], association: Association) -> dict[str, Ints]:
-    """By camera with gaps, the common instants at which it recorded nothing, of those at which anybody was seen.
+    """Return, by camera with gaps, the common instants at which it recorded nothing, of those at which a person was seen.
 
     Args:
-        gaps: by camera, spans of its own frame numbers.
+        gaps: by camera, spans of its own frame numbers in which it recorded nothing.
         association: the cameras' clocks, and people at common instants.
     """
     seen = association.instants

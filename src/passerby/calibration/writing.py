@@ -1,4 +1,4 @@
-"""A calibration as files of its output folder, with the folders of further groups."""
+"""Writing of a calibration into its output folder, with the folders of further groups."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ WHOLE = "all other results in {0} are complete and can be used; `passerby report
 
 
 class Writable(Protocol):
-    """A calibration, as far as its files need it."""
+    """The parts of a calibration from which its files are written."""
 
     @property
     def rig(self) -> Rig:
@@ -44,7 +44,7 @@ class Writable(Protocol):
 
     @property
     def observations(self) -> Observations:
-        """The people, with their identities."""
+        """Observations of the people, with their identities."""
         ...
 
     @property
@@ -58,18 +58,18 @@ class Writable(Protocol):
         ...
 
     def document(self, files: Mapping[str, str] | None = None) -> CalibrationDocument:
-        """Its `calibration.json`, with the checksums of the files beside it."""
+        """Return its `calibration.json`, with the checksums of the files beside it."""
         ...
 
     def contents(self) -> Contents:
-        """What its report is made from."""
+        """Return the contents of its report."""
         ...
 
 
 def write_calibration(calibration: Writable, folder: Path, *, report: bool = True, progress: Progress | None = None) -> None:
-    """Write a calibration as `write_results` does, alone in its folder.
+    """Lock the folder for this process and write a calibration as `write_results` does.
 
-    Raises `InputError` where the folder is not writable, or another process works in it.
+    Raises `InputError` if the folder is not writable, or if another process works in it.
     """
     with folder_lock(folder, WORK):
         write_results(calibration, folder, report=report, progress=progress)
@@ -78,10 +78,10 @@ def write_calibration(calibration: Writable, folder: Path, *, report: bool = Tru
 def write_results(calibration: Writable, folder: Path, *, report: bool = True, progress: Progress | None = None) -> None:
     """Write a calibration into a folder that is locked for this process.
 
-    Rig, tracks and `calibration.json`, which has the checksums of the others, change together: all or none, those of further
-    groups (`groups/2`, ...) with them. The reports come last and can be made again from them; one of an earlier run does not
-    stay beside new figures. The same input, seed and libraries give the same bytes. Raises `InputError` where the folder is
-    not writable.
+    The rig, the tracks and `calibration.json` change together, all or none, including those of further groups (`groups/2`,
+    ...). `calibration.json` has the checksums of the other files. The reports are written last and can be made again from these
+    files. A report of an earlier run is removed. The same input, seed and libraries give the same bytes. Raises `InputError` if
+    the folder is not writable.
     """
     cameras = [camera.name for camera in calibration.rig]
     gone = [*_earlier_report(folder, folder), *_earlier_tracks(folder, cameras), *_earlier_groups(folder)]
@@ -98,7 +98,7 @@ def write_results(calibration: Writable, folder: Path, *, report: bool = True, p
 
 
 def _write_files(calibration: Writable, folder: Path) -> None:
-    """Tracks, rig and `calibration.json` of one group of cameras."""
+    """Write the tracks, the rig and `calibration.json` of one group of cameras."""
     for camera in calibration.rig:
         _write_seen(folder / TRACKS_FOLDER, camera.name, calibration.observations[camera.name])
     write_rig(folder / RIG_FILE, calibration.rig)
@@ -106,7 +106,7 @@ def _write_files(calibration: Writable, folder: Path) -> None:
 
 
 def _write_report(calibration: Writable, folder: Path, whole: Path, progress: Progress | None) -> None:
-    """The report of one group; an error says which results are complete without it."""
+    """Write the report of one group; an error states which results are complete without it."""
     from passerby.report.page import write_report
 
     try:
@@ -119,7 +119,7 @@ def _write_report(calibration: Writable, folder: Path, whole: Path, progress: Pr
 
 
 def _write_seen(folder: Path, name: str, seen: CameraObservations) -> None:
-    """A camera's boxes and joints, where there are any."""
+    """Write a camera's boxes and joints, if it has any."""
     if len(seen.boxes):
         write_boxes(folder / f"{name}.txt", seen.boxes)
     if len(seen.keypoints):
@@ -127,25 +127,25 @@ def _write_seen(folder: Path, name: str, seen: CameraObservations) -> None:
 
 
 def _earlier_tracks(folder: Path, cameras: Iterable[str]) -> list[str]:
-    """The tracks of an earlier run: of these cameras, and those that its `calibration.json` tells of."""
+    """Return the track files that an earlier run may have left: of these cameras, and those its `calibration.json` lists."""
     ours = [f"{TRACKS_FOLDER}/{name}{ending}" for name in cameras for ending in (".txt", ".json")]
     try:
         files = read_document(folder).files or {}
-    except InputError:  # none, or one that is broken
+    except InputError:  # there is no `calibration.json`, or it is broken
         return ours
     return ours + [name for name in files if name.startswith(f"{TRACKS_FOLDER}/") and name.count("/") == 1]
 
 
 def _earlier_report(group: Path, folder: Path) -> list[str]:
-    """The files of a group's report, from the folder."""
+    """Return the paths of a group's report files, relative to the folder."""
     return [path.relative_to(folder).as_posix() for path in report_files(group / REPORT_FILE)]
 
 
 def _earlier_groups(folder: Path) -> Iterator[str]:
-    """The files of further groups that an earlier run wrote, from the folder."""
+    """Yield the paths of the files of further groups that an earlier run wrote, relative to the folder."""
     for group in (folder / GROUPS_FOLDER).glob("[0-9]*"):
         if not (group / CALIBRATION_FILE).is_file():
-            continue  # the user's own
+            continue  # a folder of the user
         yield from _earlier_report(group, folder)
         for name in (RIG_FILE, CALIBRATION_FILE, *_earlier_tracks(group, ())):
             if (group / name).is_file():
@@ -153,7 +153,7 @@ def _earlier_groups(folder: Path) -> Iterator[str]:
 
 
 def _remove_empty_folders(folder: Path) -> None:
-    """What is left of folders whose files have gone, those of reports too; those with files of the user's stay."""
+    """Remove folders that are now empty, including those of reports; folders with files of the user stay."""
     remove_report_parts(folder / REPORT_FILE)
     for group in (folder / GROUPS_FOLDER).glob("[0-9]*"):
         remove_report_parts(group / REPORT_FILE)

@@ -1,4 +1,4 @@
-"""Findings: what contradicts a calibration or is odd about its input, as values; the register of codes; their sentences.
+"""Findings, which are evidence against a calibration or unusual facts about its input; the register of codes; their sentences.
 
-The one place where sentences about findings are made. Imports `common` only.
+Sentences about findings are made only in this package. It imports `common` only.
 """

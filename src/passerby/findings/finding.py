@@ -1,6 +1,6 @@
-"""What contradicts a calibration, or is odd about its input, as a value: a code, a severity, cameras and figures.
+"""Evidence against a calibration, or an unusual fact about its input, as a value: a code, a severity, cameras and figures.
 
-Stages make findings, and later stages decide by code, severity, cameras and values. The sentences that people read are made at
+Stages make findings, and later stages use their code, severity, cameras and values. The sentences that users read are made at
 the end, by `passerby.findings.texts`, which has the register of all codes.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 Severity = Literal["notice", "doubt", "refusal"]
-"""notice: odd, but it stops nothing; doubt: no rig is accepted with it; refusal: why there is no rig."""
+"""notice: unusual, without effect on the verdict; doubt: no rig with it is accepted; refusal: a reason why there is no rig."""
 
 
 @dataclass(frozen=True)
@@ -19,37 +19,37 @@ class Finding:
     """One finding."""
 
     code: str
-    """What is found, a key of `texts.KINDS`."""
+    """Kind of the finding, a key of `texts.KINDS`."""
     severity: Severity
     cameras: tuple[str, ...] = ()
-    """The cameras that it is about, the first one foremost; empty where it is about the whole."""
+    """The cameras that it is about, the most important one first; empty if it is about the whole."""
     values: Mapping[str, Any] = field(default_factory=dict)
-    """JSON-ready. `place`, where there is one, is the file or the table of it that the finding is about."""
+    """JSON-ready values. `place`, if present, is the file, or the table in it, that the finding is about."""
 
     def says_same(self, other: Finding) -> bool:
-        """Whether the other says the same, however much either weighs."""
+        """Check whether the other finding is the same, except for its severity."""
         return (self.code, self.cameras, self.values) == (other.code, other.cameras, other.values)
 
     def as_value(self) -> dict[str, Any]:
-        """JSON-ready; as such it can be among the values of another finding, as its cause."""
+        """Return the finding as a JSON-ready value, which another finding may have among its values, as its cause."""
         return {"code": self.code, "severity": self.severity, "cameras": list(self.cameras), "values": dict(self.values)}
 
     @classmethod
     def of_value(cls, value: Mapping[str, Any]) -> Finding:
-        """The finding that `as_value` made the value of. Raises `KeyError` where it lacks something."""
+        """Return the finding of a value from `as_value`. Raises `KeyError` if a key is missing."""
         return cls(value["code"], value["severity"], tuple(value["cameras"]), dict(value["values"]))
 
 
 def notice(code: str, *cameras: str, **values: Any) -> Finding:
-    """Something odd that stops nothing."""
+    """Make a notice: an unusual fact without effect on the verdict."""
     return Finding(code, "notice", cameras, values)
 
 
 def doubt(code: str, *cameras: str, **values: Any) -> Finding:
-    """Something that lets no rig be accepted."""
+    """Make a doubt: a rig with it is not accepted."""
     return Finding(code, "doubt", cameras, values)
 
 
 def refusal(code: str, *cameras: str, **values: Any) -> Finding:
-    """A reason why there is no rig."""
+    """Make a refusal: a reason why there is no rig."""
     return Finding(code, "refusal", cameras, values)

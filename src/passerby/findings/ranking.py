@@ -1,4 +1,4 @@
-"""Which findings a person has to read first: causes, then what no cause explains, the same of several cameras at once."""
+"""Order of findings for a reader: causes first, then findings without a cause; equal ones of several cameras are joined."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from passerby.findings.texts import KINDS, problem_of, remedy_of, text_of
 from passerby.findings.texts.kinds import RANKS
 
 MOST_SHOWN = 3
-"""Reasons on a first screen."""
+"""Number of reasons on a first screen."""
 
 
 @dataclass(frozen=True)
 class Reason:
-    """Findings that are said in one sentence."""
+    """Findings that one sentence states."""
 
     findings: tuple[Finding, ...]
-    """One, or the same of several cameras."""
+    """One finding, or equal ones of several cameras."""
 
     @property
     def problem(self) -> str:
-        """What is the matter."""
+        """The problem, in words."""
         first, others = self.findings[0], self.findings[1:]
         if not others:
             return problem_of(first)
@@ -35,12 +35,12 @@ class Reason:
 
     @property
     def remedy(self) -> str:
-        """What to do; empty where nothing is."""
+        """The remedy, in words; empty without one."""
         return remedy_of(self.findings[0])
 
     @property
     def text(self) -> str:
-        """Both in one sentence."""
+        """Problem and remedy in one sentence."""
         first = self.findings[0]
         if len(self.findings) == 1:
             return text_of(first)
@@ -48,7 +48,10 @@ class Reason:
 
 
 def find_cause(finding: Finding, findings: Sequence[Finding]) -> Finding | None:
-    """The cause among the findings that a finding follows from, if any: one about the same camera, or one of both about all."""
+    """Return the cause of a finding among the findings; None without one.
+
+    A cause is about one of the finding's cameras, or the cause or the finding is about all cameras.
+    """
     rank = KINDS[finding.code].rank
     if rank not in ("lens", "symptom"):
         return None
@@ -64,9 +67,9 @@ def _order(finding: Finding) -> int:
 
 
 def reasons_of(findings: Sequence[Finding]) -> list[Reason]:
-    """The problems of a rig, as a person should read them.
+    """Return the problems of a rig in the order in which a person should read them.
 
-    Causes come first, each group in the order of the findings; what follows from a cause is left out.
+    Causes come first, each group in the order of the findings. Findings that follow from a cause are left out.
     """
     doubts = [one for one in findings if one.severity != "notice"]
     left = [one for one in doubts if find_cause(one, doubts) is None]
@@ -82,7 +85,7 @@ def reasons_of(findings: Sequence[Finding]) -> list[Reason]:
 
 
 def _of_another_camera(finding: Finding, group: Sequence[Finding]) -> bool:
-    """Whether a finding about one camera is the same as those of a group about other cameras."""
+    """Check whether a finding about one camera has the topic of a group of findings about other cameras."""
     return (
         _topic(group[0]) == _topic(finding)
         and len(group[0].cameras) == len(finding.cameras) == 1
@@ -91,13 +94,13 @@ def _of_another_camera(finding: Finding, group: Sequence[Finding]) -> bool:
 
 
 def _topic(finding: Finding) -> tuple[object, ...]:
-    """What a finding says, without its figures: its code, and what explains it."""
+    """Return the topic of a finding, without its figures: its code, and its explanation."""
     why = finding.values.get("why")
     return finding.code, finding.values.get("what"), why["code"] if isinstance(why, Mapping) else why
 
 
 def describe_first_reasons(findings: Sequence[Finding], where: str) -> str:
-    """The reasons on a first screen, in one line; `where` says where the others are."""
+    """Return the reasons on a first screen, in one line; `where` names the place of the others."""
     reasons = reasons_of(findings)
     texts = [" ".join(one.text.split()) for one in reasons[:MOST_SHOWN]]
     left = len(reasons) - len(texts)
@@ -105,31 +108,31 @@ def describe_first_reasons(findings: Sequence[Finding], where: str) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """Names as a sentence has them."""
+    """Join names as in a sentence."""
     runs = merge_numbered(names)
     return " and ".join([", ".join(runs[:-1]), runs[-1]]) if len(runs) > 1 else runs[0]
 
 
 class RefusalError(EvidenceError):
-    """The input is sound, but too little for a calibration (exit status 3)."""
+    """The input has no fault, but is not enough for a calibration (exit status 3)."""
 
     findings: tuple[Finding, ...]
-    """What is missing."""
+    """Refusals that state what is missing."""
 
     def __init__(self, findings: Finding | Sequence[Finding], message: str | None = None) -> None:
-        """Of one finding or several; the message is the text of the first one unless another is given."""
+        """Take one finding or several; the message is the text of the first one unless another is given."""
         each = (findings,) if isinstance(findings, Finding) else tuple(findings)
         self.findings = tuple(replace(finding, severity="refusal") for finding in each)
         texts = tuple(map(text_of, self.findings))
         super().__init__(texts[0] if message is None else message, texts)
 
     def __reduce__(self) -> tuple[type[RefusalError], tuple[tuple[Finding, ...], str]]:
-        # Between processes an exception is made anew from its arguments.
+        # An exception that is sent between processes is made again from its arguments.
         return type(self), (self.findings, str(self))
 
 
 def findings_of(error: EvidenceError) -> tuple[Finding, ...]:
-    """The findings of an error, also of one that has only words."""
+    """Return the findings of an error; one that has only texts gives `too_little_evidence`."""
     if isinstance(error, RefusalError):
         return error.findings
     return tuple(refusal("too_little_evidence", why=reason) for reason in error.reasons)

@@ -1,5 +1,4 @@
-"""All that may be wrong with what a calibration was given, one small class each, and one test that compares them with the
-inputs as stated.
+"""Hypotheses about faults of a calibration's inputs, and one test that compares them with the inputs as stated.
 
-Imports `solver` and below.
+It may import `solver` and the packages below it.
 """

@@ -1,7 +1,8 @@
-"""The complete list of what Passerby can suspect: each alternative changes what the adjustment takes for granted.
+"""List of the lens errors that Passerby can suspect: each alternative frees something that the adjustment assumes.
 
-An alternative widens a prior of the base model, in which every stated lens is already free within `LENS_PRIORS`. Prior odds are
-those of a whole site, shared by its cameras, so that a sound site of 1,000 cameras is accepted as often as a room of four.
+An alternative widens a prior of the base model, in which every stated lens is already free within `LENS_PRIORS`. Prior odds
+hold for a whole site and are divided among its cameras, so that a sound site of 1,000 cameras is accepted as often as a room
+of four.
 """
 
 from __future__ import annotations
@@ -20,24 +21,25 @@ from passerby.solver.systematic import stated_sd
 
 LENS = LensUnknowns(LENS_PARTS)
 WRONG: Mapping[LensPart, float] = MappingProxyType({"focal": 0.2, "principal_point": 0.08, "distortion": 0.1})
-"""One standard deviation of a lens that is stated wrongly: a share of the focal length; of the principal point, a share of the
-image's width; the first distortion coefficient. Zooms are moved, images cropped, lens models left out."""
+"""One standard deviation of the error of a wrongly stated lens: of the focal length, relative; of the principal point, as a
+share of the image's width; of the first distortion coefficient. The causes are zooms that were moved, images that were cropped
+and lens models that were left out."""
 WRONG_SITES: Mapping[LensPart, float] = MappingProxyType({"focal": 0.05, "principal_point": 0.05, "distortion": 0.02})
 """Share of sites in which one camera's lens is wrong in this respect."""
 ALL_WRONG = 0.01
-"""Share of sites in which the focal lengths of all cameras are wrong by one factor, as for another image size; and of those
-where all distortions are wrong alike: left out, or of images that were undistorted already."""
+"""Share of sites in which the focal lengths of all cameras are wrong by one factor, as for another image size. Also the share
+of sites in which all distortions are wrong alike: left out, or of images that were already undistorted."""
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """One thing that may be wrong."""
+    """A hypothesis that some stated lens parameters are wrong."""
 
     code: str
     cameras: tuple[int, ...]
-    """Indices."""
+    """Indices of the cameras."""
     parameters: tuple[LensPart, ...]
-    """Of the lens; those that become free."""
+    """The parts of the lens that become free."""
     log_prior: float
     """Logarithm of its prior odds against the inputs as stated."""
     alike: bool = False
@@ -46,11 +48,11 @@ class Alternative:
 
     @property
     def columns(self) -> Ints:
-        """Of the unknowns of a lens, those that become free."""
+        """Indices of the unknowns of a lens that become free."""
         return np.concatenate([np.arange(LENS.size)[LENS.columns_of(part)] for part in self.parameters])
 
     def apply(self, problem: PeopleProblem, rig: Rig) -> PeopleProblem:
-        """The base problem with what is suspected free.
+        """Return the base problem with the suspected parameters free.
 
         Args:
             problem: the base problem (`case.Case`).
@@ -69,13 +71,13 @@ class Alternative:
         return replace(problem, lens_core=core)
 
     def with_parts_of(self, other: Alternative) -> Alternative:
-        """Both at once, about the same cameras."""
+        """Return the alternative in which the parts of both are free, for the same cameras."""
         parts = tuple(part for part in LENS_PARTS if part in (*self.parameters, *other.parameters))
         return replace(self, code="lens", parameters=parts, log_prior=max(self.log_prior, other.log_prior))
 
 
 def lens_alternatives(rig: Rig) -> list[Alternative]:
-    """Each part of each camera's lens, and the focal lengths and the distortions of all cameras alike."""
+    """Return the alternatives: each part of each camera's lens, and a common error of all focal lengths or all distortions."""
     n = len(rig)
     single = [
         Alternative(part, (c,), (part,), float(np.log(WRONG_SITES[part] / n))) for part in LENS_PARTS for c in range(n)
@@ -86,7 +88,7 @@ def lens_alternatives(rig: Rig) -> list[Alternative]:
 
 
 def prior_scales(rig: Rig, of: Mapping[LensPart, float]) -> Floats:
-    """(C, L) standard deviations of the lenses' unknowns: pixels for the principal point."""
+    """Return the standard deviations (C, L) of the lenses' unknowns: pixels for the principal point."""
     out = np.zeros((len(rig), LENS.size))
     width = np.array([camera.lens.size[0] for camera in rig], dtype=np.float64)
     out[:, LENS.columns_of("focal")] = of["focal"]
@@ -96,5 +98,5 @@ def prior_scales(rig: Rig, of: Mapping[LensPart, float]) -> Floats:
 
 
 def stated_scales(rig: Rig) -> Floats:
-    """(C, L) the same of the lenses as they are stated."""
+    """Return the standard deviations (C, L) of the unknowns of the stated lenses."""
     return np.concatenate([prior_scales(Rig((camera,)), stated_sd(camera.lens)) for camera in rig])

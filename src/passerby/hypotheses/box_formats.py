@@ -1,9 +1,9 @@
-"""Do boxes lie on bodies as their format says?
+"""Test whether boxes have another format than stated.
 
-Centres of boxes that are taken for their corners put boxes half a body too low. The heights of cameras absorb that for people
-of one stature. Taller people then reach farther below the ground than shorter ones: by half of what their statures differ. So
-the shift of boxes along their own height is one more unknown, of each camera or of all alike. It is estimated by one
-linearisation at the optimum.
+If centres of boxes are read as corners, boxes are half a body too low. For people of one stature, the heights of the cameras
+absorb this shift. Taller people then reach farther below the ground than shorter ones, by half the difference of their
+statures. So the shift of boxes along their own height is one more unknown, of each camera or common to all. It is estimated by
+one linearisation at the optimum.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from passerby.solver.person_model import PeopleProblem
 from passerby.solver.uncertainty import downweight
 
 HALF = 0.5
-"""Of a box's height: from its centre to its upper edge."""
+"""Distance from a box's centre to its upper edge, as a share of its height."""
 SHIFT_SD = 0.05
-"""What else moves boxes along bodies as their height grows, one sigma, as a share of it: lower edges that are too low, people
+"""One sigma of shifts in proportion to a box's height from other causes, as a share of it: lower edges that are too low, people
 who stoop. Two ordinary simulated scenes show -0.012 and 0.015 (seeds 4711 and 4715), five real rigs up to 0.12."""
 AGREE_SIGMAS, FAR_SIGMAS = 2.0, 3.0
-"""Sigmas by which statures alone have to show the shift, and by which it may differ from half a height."""
+"""Least significance of the shift by statures alone, and largest difference of the shift from half a height, in sigmas."""
 ALL_WRONG, ONE_WRONG = 0.02, 0.01
 """Share of sites in which the boxes of all cameras, or those of one, are in another format than stated."""
 
@@ -40,20 +40,20 @@ class ShiftedBoxes:
     """Boxes that lie half their height too low or too high."""
 
     cameras: tuple[str, ...]
-    """Names."""
+    """Names of the cameras."""
     shift: float
-    """Downwards, as a share of the boxes' height."""
+    """Shift downwards, as a share of the boxes' height."""
     sigma: float
     log_odds: float
-    """Against boxes as stated."""
+    """Logarithm of the odds against the stated format."""
 
 
 def find_shifted_boxes(solution: PeopleSolution) -> ShiftedBoxes | None:
-    """The most probable format that boxes of one camera or of all have instead of the stated one; None where none has.
+    """Find the most probable shift of the boxes of one camera or of all by a wrong format; None if the format is right.
 
-    The shift is estimated twice: as a share of the heights of the boxes that were seen, and of the people's standing heights.
-    The first is exact, but lower edges that vary more than upper ones, with the feet, look the same. The second is what people
-    of different statures show alone. Both have to say it.
+    The shift is estimated twice: as a share of the heights of the detected boxes, and of the people's standing heights. The
+    first is exact, but lower edges that vary more than upper ones, with the feet, have the same effect. The second uses only
+    the differences of people's statures. Both have to show the shift.
     """
     fit = solution.fit
     if fit is None or solution.covariance is None or solution.start is None or not len(fit.model.problem.sightings):
@@ -74,32 +74,32 @@ def find_shifted_boxes(solution: PeopleSolution) -> ShiftedBoxes | None:
 def _tested(
     names: tuple[str, ...], cameras: Ints, seen: tuple[Floats, Floats], standing: tuple[Floats, Floats], prior: float
 ) -> ShiftedBoxes | None:
-    """Boxes of cameras (K,) against those as stated; None where they are shifted by something else than half a height."""
+    """Compare shifted boxes of cameras (K,) with the stated ones; None if the shift is not half a height."""
     (shift, sigma), (by_stature, its_sigma) = (_estimated(*one, cameras) for one in (seen, standing))
     if not np.sign(shift) * by_stature > AGREE_SIGMAS * its_sigma:
         return None
-    # A shift that is neither what a format makes nor nothing has another cause.
+    # A shift that differs from half a height has another cause than a format.
     if abs(abs(shift) - HALF) > FAR_SIGMAS * np.hypot(sigma, SHIFT_SD):
         return None
-    # The logarithm of the ratio of two normal densities: about half a height, and about none.
+    # The logarithm of the ratio of two normal densities: with mean half a height, and with mean 0.
     evidence = 0.5 * (shift**2 - (abs(shift) - HALF) ** 2) / (sigma**2 + SHIFT_SD**2)
     return ShiftedBoxes(tuple(names[c] for c in cameras), shift, sigma, float(evidence + np.log(prior)))
 
 
 def _estimated(gradient: Floats, information: Floats, cameras: Ints) -> tuple[float, float]:
-    """The shift that some cameras (K,) have in common, and its standard deviation."""
+    """Return the common shift of some cameras (K,), and its standard deviation."""
     total = float(information[np.ix_(cameras, cameras)].sum())
     return (float(gradient[cameras].sum() / total), float(total**-0.5)) if total > 0 else (0.0, np.inf)
 
 
 def _shifts(problem: PeopleProblem, state: AdjustmentState, extent: Floats, inflation: float) -> tuple[Floats, Floats]:
-    """(C,) gradient and (C, C) information of the shifts of the cameras' boxes, all else free.
+    """Return the gradient (C,) and the information (C, C) of the shifts of the cameras' boxes, with all else free.
 
     Args:
         problem: the person model.
         state: its optimum.
-        extent: (M,) pixels that the shift is a share of.
-        inflation: how many times less the sightings tell than as many independent ones would.
+        extent: (M,) size, pixels, of which the shift is a share.
+        inflation: factor by which correlation reduces the information of the sightings.
     """
     down = np.zeros((len(extent), 2, 1))
     down[:, 1, 0] = -extent / problem.centre_sigma()

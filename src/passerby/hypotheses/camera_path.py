@@ -1,6 +1,6 @@
-"""One camera over time: a pose and a focal length that may differ in a stretch of time, or change linearly between knots.
+"""Path of one camera: a pose and a focal length that may differ in a stretch of time, or change linearly between knots.
 
-The path is fitted to the camera's observations of people whom the other cameras place. The loss is Cauchy's, constant for
+The path is fitted to the camera's observations of people whom the other cameras place. The loss is Cauchy's, and constant for
 observations that show another person.
 """
 
@@ -24,24 +24,25 @@ from passerby.people.resection import BEYOND, CENTRE_SD_M, LOSS, TURN_SD
 TURN, SHIFT, FOCAL = slice(0, 3), slice(3, 6), slice(6, 7)
 """Columns of a change: a rotation vector in the camera's frame, the centre in the world, the logarithm of the focal length."""
 MOVES, ZOOMS, TURNS = (0, 1, 2, 3, 4, 5), (6,), (0, 1, 2)
-"""Columns that are free where a camera moves, zooms or turns."""
+"""Columns that are free if a camera moves, zooms or turns."""
 EVERY = (*MOVES, *ZOOMS)
 WITH_CLOCK = (*EVERY, 7, 8)
 """Columns of a path's own unknowns: pose, focal length, and its clock's offset and rate."""
 SIZE = 7
 FOCAL_SD = 0.3
-"""One standard deviation of the logarithm of a zoom, and of the error of a stated focal length: a wrong lens is no motion."""
+"""One standard deviation of the logarithm of a zoom, and of the error of a stated focal length, so that a wrong lens is not
+taken for a motion."""
 OFFSET_SD, RATE_SD = 1.0, 0.02
-"""One standard deviation of a clock's offset, instants, and of its rate: a clock that drifts is no motion. 25 for 24 frames per
-second is 0.04."""
+"""One standard deviation of a clock's offset, instants, and of its rate, so that a drifting clock is not taken for a motion. 25
+for 24 frames per second is 0.04."""
 PRIOR_SD = np.array([TURN_SD] * 3 + [CENTRE_SD_M] * 3 + [FOCAL_SD])
 OWN_SD = np.array([*PRIOR_SD, OFFSET_SD, RATE_SD])
 MOST_COST = 0.5 * float(compute_cut_cauchy_cost(np.array(BEYOND), LOSS, BEYOND))
-"""Of an observation that shows another person, nats."""
+"""Cost of an observation that shows another person, nats."""
 STEPS, STEPS_WITHOUT = 12, 3
-"""Of a fit, and of one without a fifth of the observations, from where it is with them."""
+"""Largest number of steps of a fit, and of a fit without a fifth of the observations, which starts at the optimum of all."""
 NEGLIGIBLE = 1e-4
-"""A fit ends where the next step would lower its cost by less, nats: a hundredth of a standard deviation."""
+"""A fit ends when the last step is predicted to lower the cost by less, nats: a hundredth of a standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +50,14 @@ class Stretch:
     """Time in which a camera differs from the rest of the recording."""
 
     first: float
-    """Its first instant; minus infinity where it begins with the recording,"""
+    """First instant; minus infinity if the stretch begins with the recording."""
     last: float
-    """and its last one; infinity where it ends with it."""
+    """Last instant; infinity if the stretch ends with the recording."""
 
     size = 1
 
     def at(self, instants: Ints | Floats) -> Floats:
-        """(N, 1) share of the change that holds at instants (N,): 1 inside, 0 outside."""
+        """Return the basis (N, 1) at instants (N,): 1 inside the stretch, 0 outside."""
         return ((instants >= self.first) & (instants <= self.last)).astype(np.float64)[:, None]
 
 
@@ -68,23 +69,23 @@ class Knots:
     """Times between which a camera changes linearly; it has its mean pose where all of the basis is 0."""
 
     instant: Floats
-    """(K + 1,) ascending."""
+    """(K + 1,) instants of the knots, ascending."""
     mean: Floats
-    """(K + 1,) of the hat functions, over the observations."""
+    """(K + 1,) means of the hat functions over the observations."""
 
     @classmethod
     def even(cls, instants: Ints, pieces: int) -> Knots:
-        """So many pieces of equal length over the instants of the observations."""
+        """Divide the instants of the observations into pieces of equal length."""
         knots = cls(np.linspace(instants[0], instants[-1], pieces + 1), np.zeros(pieces + 1))
         return replace(knots, mean=knots._hats(instants).mean(axis=0))
 
     @property
     def size(self) -> int:
-        """Functions in the basis: one of the hat functions is determined by the others, as they add up to 1."""
+        """Number of functions in the basis: the hat functions add up to 1, so that one is determined by the others."""
         return len(self.instant) - 1
 
     def at(self, instants: Ints | Floats) -> Floats:
-        """(N, K) the basis at instants (N,); constant before the first and after the last knot."""
+        """Return the basis (N, K) at instants (N,); it is constant before the first and after the last knot."""
         return np.asarray((self._hats(instants) - self.mean)[:, :-1])
 
     def _hats(self, instants: Ints | Floats) -> Floats:
@@ -98,41 +99,41 @@ class CameraPath:
     pose: Pose
     """The camera's pose where the basis is 0."""
     log_focal: float = 0.0
-    """Logarithm of the focal length in that of the lens, where the basis is 0."""
+    """Logarithm of the ratio of the focal length to that of the lens, where the basis is 0."""
     late: tuple[float, float] = (0.0, 0.0)
-    """By how much the camera shows people of a later time: instants at `origin`, and instants an instant."""
+    """Offset of the camera's clock: it shows people of a later time by this, instants at `origin`, and instants an instant."""
     origin: float = 0.0
-    """Instant."""
+    """Instant to which `late` refers."""
     times: Stretch | Knots = NEVER
     change: Floats | None = None
     """(K, 7) coefficients of the basis: exp(turn) R_cw, centre + shift, focal length times exp(log_focal)."""
 
     @cached_property
     def coefficients(self) -> Floats:
-        """(K, 7)"""
+        """(K, 7) `change`, or zeros."""
         return np.zeros((self.times.size, SIZE)) if self.change is None else self.change
 
     def changed(self, instants: Ints | Floats) -> Floats:
-        """(N, 7) how the camera differs from its pose at instants (N,)."""
+        """Return the change (N, 7) of the camera from its pose and focal length at instants (N,)."""
         return self.times.at(instants) @ self.coefficients
 
     def turns(self, instants: Ints | Floats) -> Floats | None:
-        """(N, 3, 3) by which the camera is turned from its pose at instants (N,); None where it never is."""
+        """Return the rotations (N, 3, 3) of the camera from its pose at instants (N,); None if it is never turned."""
         turn = self.coefficients[:, TURN]
         if not turn.any():
             return None
         amount = self.times.at(instants)
-        if isinstance(self.times, Stretch):  # two orientations
+        if isinstance(self.times, Stretch):  # there are only two orientations
             return np.asarray(exp_rotation(np.vstack([np.zeros(3), turn]))[amount[:, 0].astype(np.int64)])
         return np.asarray(exp_rotation(amount @ turn))
 
     def constant(self, change: Floats) -> CameraPath:
-        """A camera that always is as this one is with a change (7,)."""
+        """Return a camera that has the pose and focal length of this one with a change (7,) all of the time."""
         pose = Pose.from_centre(exp_rotation(change[TURN]) @ self.pose.R_cw, self.pose.centre + change[SHIFT])
         return replace(self, pose=pose, log_focal=self.log_focal + float(change[6]), times=NEVER, change=None)
 
     def exchanged(self) -> CameraPath:
-        """The same two cameras for a stretch that is the rest of the time; `times` has to be set."""
+        """Exchange the camera of the stretch with that of the rest; the caller has to set `times` to the rest."""
         c = self.coefficients[0]
         back = -c
         return replace(self.constant(c), times=self.times, change=back[None])
@@ -143,25 +144,25 @@ class Residuals:
     """Residuals of K pairs along a path."""
 
     found: PairResiduals
-    """In the frame of the path's own pose."""
+    """Residuals in the frame of the path's own pose."""
     rotation: Floats | None
-    """(K, 3, 3) by which the camera is turned from it; None where it never is."""
+    """(K, 3, 3) rotations of the camera from this pose; None if it is never turned."""
     amount: Floats
     """(K, B) basis of the path."""
     velocity: Floats
-    """(3, K) of the people, metres an instant."""
+    """(3, K) velocities of the people, metres an instant."""
     instant: NDArray[np.floating[Any]]
-    """(K,) from the path's origin."""
+    """(K,) instants relative to the path's origin."""
 
     def take(self, pairs: Ints) -> Residuals:
-        """Of some of the pairs."""
+        """Select the residuals of some of the pairs."""
         turned = None if self.rotation is None else self.rotation[pairs]
         return Residuals(self.found.take(pairs), turned, self.amount[pairs], self.velocity[:, pairs], self.instant[pairs])
 
     def by_change(self) -> tuple[Floats, Floats]:
-        """Derivatives (2, 9, K) by the path's own unknowns, and (2, 7, K) by a change at the pair's time.
+        """Return the derivatives (2, 9, K) by the path's own unknowns, and (2, 7, K) by a change at the pair's time.
 
-        A zoomed lens sees a point d of the camera's frame where the lens sees `(f d_x, f d_y, d_z)`.
+        A lens zoomed by f sees a point d of the camera's frame at the pixel where the lens sees `(f d_x, f d_y, d_z)`.
         """
         by_pose, R = self.found.by_pose(), self.rotation
         by_turn = by_pose[:, TURN]
@@ -177,7 +178,7 @@ class Residuals:
 
 
 def residuals_along(m: Correspondences, path: CameraPath) -> Residuals:
-    """The residuals of all pairs, each by the camera of its time."""
+    """Compute the residuals of all pairs, each by the pose and focal length of its time."""
     own, amount = m.own, path.times.at(m.own.step)
     changed = amount @ path.coefficients
     focal = np.exp(path.log_focal + changed[:, 6])
@@ -200,7 +201,7 @@ def residuals_along(m: Correspondences, path: CameraPath) -> Residuals:
 
 
 def best_pairs(m: Correspondences, square: Floats) -> Ints:
-    """(M,) of each observation the pair of the person who fits best; of equal ones the first."""
+    """Return, for each observation (M,), the pair with the person who fits best; of equal ones the first."""
     if len(m.row) == len(m):
         return np.arange(len(m))
     new = np.diff(m.row, prepend=-1) > 0
@@ -211,25 +212,25 @@ def best_pairs(m: Correspondences, square: Floats) -> Ints:
 
 
 def costs_along(m: Correspondences, path: CameraPath) -> Floats:
-    """(M,) robust cost of each observation, nats, by the person who fits best."""
+    """Return the robust cost (M,) of each observation, nats, by the person who fits best."""
     square = residuals_along(m, path).found.square
     return 0.5 * compute_cut_cauchy_cost(square[best_pairs(m, square)], LOSS, BEYOND)
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """What M observations ask of a path's own pose and focal length."""
+    """Contributions of M observations to the normal equations of a path's own pose and focal length."""
 
     gradient: Floats
-    """(M, 7) of the robust cost, uphill."""
+    """(M, 7) gradient of the robust cost."""
     information: Floats
-    """(M, 7, 7)"""
+    """(M, 7, 7) information."""
     by_own: Floats
-    """(M, 2, 7) pixels."""
+    """(M, 2, 7) derivatives of the residuals, pixels."""
 
     @classmethod
     def of(cls, m: Correspondences, path: CameraPath) -> Equations:
-        """At a path."""
+        """Compute the equations at a path."""
         all_pairs = residuals_along(m, path)
         best = all_pairs.take(best_pairs(m, all_pairs.found.square))
         J = best.by_change()[0][:, :SIZE]
@@ -244,15 +245,15 @@ def fit_path(
     m: Correspondences, start: CameraPath, parts: tuple[int, ...] = (), *, own: tuple[int, ...] = EVERY, widening: float = 1.0,
     steps: int = STEPS,
 ) -> CameraPath:  # fmt: skip
-    """The path that observations fit, near a first one: Gauss-Newton with a robust loss whose scale shrinks.
+    """Fit a path to observations by Gauss-Newton with a robust loss, whose scale shrinks.
 
     Args:
         m: the camera's observations with the people of their instants.
-        start: first path; weak priors hold its pose to it, and its change to 0.
+        start: initial path; weak priors keep the pose near it, and the change near 0.
         parts: columns of the change that are free; the others stay as they are.
         own: columns of the path's own unknowns that are free.
-        widening: times its usual scale that the loss begins with; it is halved at each step, down to 1.
-        steps: at most.
+        widening: initial scale of the loss, as a multiple of the usual one; it is halved at each step, down to 1.
+        steps: largest number of steps.
     """
     fixed, free, K, path = np.array(own), np.array(parts, dtype=np.int64), start.times.size if parts else 0, start
     precision = np.concatenate([OWN_SD[fixed] ** -2.0, np.tile(PRIOR_SD[free] ** -2.0, K)])
@@ -281,7 +282,7 @@ def fit_path(
 
 
 def _stepped(path: CameraPath, own: Floats, change: Floats, free: Ints) -> CameraPath:
-    """A path after one step."""
+    """Apply a step to a path."""
     pose = Pose.from_centre(exp_rotation(own[TURN]) @ path.pose.R_cw, path.pose.centre + own[SHIFT])
     coefficients = path.coefficients.copy()
     step = np.zeros_like(coefficients)
@@ -294,13 +295,13 @@ def _stepped(path: CameraPath, own: Floats, change: Floats, free: Ints) -> Camer
 
 
 def _weighed(at: Residuals, J: Floats, wide: float) -> Floats:
-    """(2, U, N) derivatives times information and robust weight, by a loss of so many times its usual scale."""
+    """Return derivatives (2, U, N) times information and robust weight; `wide` multiplies the usual scale of the loss."""
     across, both, down = compute_cut_cauchy_weights(at.found.square, LOSS * wide, BEYOND * wide**2) * at.found.information
     return np.array([across * J[0] + both * J[1], both * J[0] + down * J[1]])
 
 
 def thinned(m: Correspondences, most: int) -> Correspondences:
-    """At most about so many pairs, by even steps of the observations."""
+    """Select about `most` pairs at most, by even steps of the observations."""
     step = int(np.ceil(len(m.row) / most))
     keep: Bools = np.arange(len(m)) % step == 0
     return m if step < 2 else m.part(keep)

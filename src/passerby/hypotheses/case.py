@@ -1,6 +1,6 @@
-"""The base model: a part of the observations around the optimum, with every stated lens free within what it is known to.
+"""The base model: a part of the observations around the optimum, with every stated lens free within its known accuracy.
 
-All alternatives are compared on the same observations with the same noise. Only what an alternative changes differs.
+All alternatives are compared on the same observations with the same noise. They differ only in the priors that they change.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import JOINT, UPRIGHT, PeopleProblem
 
 PEOPLE, JOINTS, OF_CAMERA = 1500, 4000, 200
-"""Person-instants and joints that are compared, spread evenly: those in between err as their neighbours do. In large rigs
-more, so that there are that many observations of a camera on the mean."""
+"""Largest numbers of person-instants and joints that are compared, evenly spread: the errors of those in between are nearly the
+same. In large rigs there are more, so that each camera has `OF_CAMERA` observations on average."""
 STRETCH_S = 10.0
-"""Errors of one person within this time are taken to be one block, and those of different blocks to be independent."""
+"""Errors of one person within this time, seconds, form one block; those of different blocks are taken as independent."""
 WIDE_SHARE = 0.15
-"""Tolerance of agreement, as a share of a person's extent: as in the first round of a fit, so that people at the edge of an
-image whose lens is wrong are not left out."""
+"""Tolerance of agreement, as a share of a person's extent. It is that of the first round of a fit, so that people at the edge
+of an image with a wrong lens are not left out."""
 RAY_ROUNDS = 4
-"""Times that rays of cues are made again with the lenses found; those of people are exact."""
+"""Largest number of times that rays of cues are computed again with the estimated lenses; those of people are exact."""
 _FITTING, _PREDICTING = Stopping(20, 1e-5), Stopping(10, 1e-4)
 _NEAR_OPTIMUM = Stopping(2, 1e-5)
-"""From the optimum of all blocks to that without a fifth of them: Newton's steps are enough."""
+"""Limit of the fit without a fifth of the blocks, which starts at the optimum of all: a few Newton steps are enough."""
 
 
 def blocks_of(instant: Ints, person: Ints, per_second: float) -> tuple[Ints, int]:
-    """Block of each of N observations: one person during one stretch of time.
+    """Assign each of N observations to a block: one person during one stretch of time.
 
-    Stretches are of `STRETCH_S`, and what is left at the end.
+    Stretches have the length `STRETCH_S`; the last one may be shorter.
 
     Args:
-        instant: (N,)
-        person: (N,)
+        instant: (N,) instants.
+        person: (N,) identities.
         per_second: instants a second.
 
     Returns:
-        (N,) the blocks, and their number.
+        (N,) block of each observation, and the number of blocks.
     """
     since = instant - instant.min(initial=np.iinfo(np.int64).max)
     keys = np.column_stack([since // max(1.0, STRETCH_S * per_second), person]).astype(np.int64)
@@ -58,21 +58,21 @@ def blocks_of(instant: Ints, person: Ints, per_second: float) -> tuple[Ints, int
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A problem with its state, and the block that each of its observations belongs to."""
+    """A problem with its state, and the block of each of its observations."""
 
     stated: Rig
     """Lenses as stated."""
     problem: PeopleProblem
     state: AdjustmentState
     instant_block: Ints
-    """(N,) of each person-instant."""
+    """(N,) block of each person-instant."""
     joint_block: Ints
-    """(J,) of each joint."""
+    """(J,) block of each joint."""
     n_blocks: int
 
     @classmethod
     def of(cls, solution: PeopleSolution) -> Case | None:
-        """The base model around a solution, not fitted yet; None where there is nothing to compare by."""
+        """Build the base model around a solution, not yet fitted; None if it lacks observations or has free lenses."""
         start, fit = solution.start, solution.fit
         if start is None or fit is None or solution.covariance is None or start.unknowns.parts:
             return None
@@ -109,11 +109,11 @@ class Case:
         return cls(start.rig, problem, replace(model.state, lens=first), block[:n], block[n:], n_blocks)
 
     def with_problem(self, problem: PeopleProblem) -> Case:
-        """The same with another problem about the same observations."""
+        """Return the case with another problem for the same observations."""
         return replace(self, problem=problem)
 
     def fitted(self) -> Case:
-        """At its optimum."""
+        """Return the case at its optimum."""
         problem, state = self.problem, self.state
         for _ in range(RAY_ROUNDS):
             before = state.lens
@@ -124,28 +124,28 @@ class Case:
         return replace(self, problem=problem, state=state)
 
     def rig(self) -> Rig:
-        """Cameras with the lenses and poses found."""
+        """Return the cameras with the estimated lenses and poses."""
         rig = LENS.rig(self.stated, self.state.lens)
         poses = (Pose.from_centre(R, centre) for R, centre in zip(self.state.R, self.state.centre, strict=True))
         return Rig(tuple(replace(camera, pose=pose) for camera, pose in zip(rig, poses, strict=True)))
 
     def lens_covariance(self) -> Floats:
-        """(C L, C L) of all lenses at the optimum, in units in which the observations are independent."""
+        """Return the covariance (C L, C L) of all lenses at the optimum, for observations that are taken as independent."""
         H = NormalEquations(self.problem.layout, self.problem.terms(self.state, jacobians=True)).reduce().H
         scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-12))
-        # Gauge freedoms of the rig have no information: the pseudo-inverse holds them.
+        # Gauge freedoms of the rig have no information: the pseudo-inverse keeps them fixed.
         inverse = np.linalg.pinv(H * scale[:, None] * scale, rcond=1e-10, hermitian=True) * scale[:, None] * scale
         of_camera = (np.arange(self.problem.n_cameras) + 1) * self.problem.camera_size - self.problem.n_lens
         at = (of_camera[:, None] + np.arange(self.problem.n_lens)).ravel()
         return np.asarray(inverse[np.ix_(at, at)])
 
     def lens_sigma(self) -> Floats:
-        """(C, L) one standard deviation of the lenses' unknowns, with what observations have in common."""
+        """Return one standard deviation (C, L) of the lenses' unknowns, with the correlation of the observations."""
         variance = np.diag(self.lens_covariance()) * float(np.mean(self.problem.lens_weight))
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(self.state.lens.shape))
 
     def costs(self) -> Floats:
-        """(B,) robust cost of the observations of each block, and of what is expected of its people."""
+        """Return the robust cost (B,) of each block: of its observations, and of the statures of its people."""
         out = np.zeros(self.n_blocks)
         problem = self.problem
         for term in problem.terms(self.state, jacobians=True):
@@ -154,23 +154,23 @@ class Case:
             if term.block is not None and term.family in (UPRIGHT, JOINT):
                 block = (self.instant_block if term.family == UPRIGHT else self.joint_block)[term.block]
                 out += np.bincount(block, cost, self.n_blocks)
-            elif term.group is not None and len(problem.person):  # statures: each instant of a person bears its share
+            elif term.group is not None and len(problem.person):  # statures: divided among the instants of a person
                 instants = np.bincount(problem.person, minlength=len(cost))
                 share = cost[problem.person] / instants[problem.person]
                 out += np.bincount(self.instant_block, share, self.n_blocks)
         return out
 
     def without(self, held_out: Bools) -> Case:
-        """The case without the blocks (B,) that are held out, at its optimum; this one is at its own."""
+        """Return the case without the held-out blocks (B,), at its optimum; this case has to be at its optimum."""
         part = self._part(~held_out[self.instant_block], ~held_out[self.joint_block])
         return replace(part, state=minimise(part.problem, part.state, _NEAR_OPTIMUM).state)
 
     def predicted(self, fitted: Case, held_out: Bools) -> Floats:
-        """(B,) robust cost of each block that is held out, nats, where all but its own people is as `fitted`; 0 elsewhere.
+        """Return the robust cost (B,) of each held-out block, nats; all but its own people is fixed as in `fitted`.
 
         Args:
             fitted: the case without these blocks, at its optimum.
-            held_out: (B,).
+            held_out: (B,) whether a block is held out; the cost of the others is 0.
         """
         part = self._part(held_out[self.instant_block], held_out[self.joint_block])
         shared = fitted.state
@@ -183,7 +183,7 @@ class Case:
         return replace(part, problem=problem, state=minimise(problem, state, _PREDICTING, free=held).state).costs()
 
     def _part(self, instants: Bools, joints: Bools) -> Case:
-        """Some of the person-instants and joints."""
+        """Return the case with some of the person-instants (N,) and joints (J,)."""
         p, s = self.problem, self.state
         rows, joint_rows = instants[p.sightings.block], joints[p.joints.point]
         number, joint_number = np.cumsum(instants) - 1, np.cumsum(joints) - 1
@@ -201,7 +201,7 @@ class Case:
 
 
 def prior_precision(problem: PeopleProblem) -> Floats:
-    """(C L, C L) of the priors of the lenses."""
+    """Return the precision matrix (C L, C L) of the priors of the lenses."""
     core, common = problem.lens_core, problem.lens_common
     assert core is not None
     precision = np.diag((core**-2.0).ravel())
@@ -213,7 +213,7 @@ def prior_precision(problem: PeopleProblem) -> Floats:
 
 
 def _with_rays_of_cues(problem: PeopleProblem, stated: Rig, lens: Floats) -> PeopleProblem:
-    """The problem with cues by the rays of lenses that differ from the stated ones by `lens` (C, L)."""
+    """Recompute the rays of the cues for lenses that differ from the stated ones by `lens` (C, L)."""
     cues: CueRows | None = problem.cues
     if cues is not None and cues.marks is not None:
         cues = replace(cues, marks=LENS.points(cues.marks, stated, lens))
@@ -223,5 +223,5 @@ def _with_rays_of_cues(problem: PeopleProblem, stated: Rig, lens: Floats) -> Peo
 
 
 def _spread(count: int, most: int) -> Ints:
-    """Indices below `count`, at most so many, spread evenly."""
+    """Return indices below `count`, at most `most` of them, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64)) if count else np.zeros(0, np.int64)

@@ -1,8 +1,8 @@
-"""What may change while a camera films: it moves, zooms, or keeps turning. Each is compared with a camera that stays as it is.
+"""Test whether a camera moved, zoomed or kept turning while it filmed, by comparison with a camera at rest.
 
-All are paths of one camera (`camera_path`), fitted to what it sees of people whom the other cameras place. They are compared by
-prediction of blocks of one person and ten seconds that were held out, as all alternatives are. The dates of a move are found
-anew without the blocks held out.
+All changes are paths of one camera (`camera_path`), fitted to its observations of people whom the other cameras place. They are
+compared by prediction of held-out blocks, one person during ten seconds, as all alternatives are. The times of a move are found
+again without the held-out blocks.
 """
 
 from __future__ import annotations
@@ -45,51 +45,51 @@ PARTS: dict[Kind, tuple[int, ...]] = {
 }  # fmt: skip
 """Columns of the change that are free."""
 CHANGED_SITES: dict[Kind, float] = {"zoomed": 0.02, "moved": 0.05, "zoomed_and_moved": 0.005, "drifts": 0.02}
-"""Share of recordings in which one of the cameras does so."""
+"""Share of recordings in which one of the cameras changes in this way."""
 PIECES = 1, 2, 4, 8
 """Numbers of linear pieces of a drift that are tried."""
 MOST_PAIRS = 4000
-"""Of observations and people that are compared; of more, even steps of the observations are taken."""
+"""Largest number of pairs of an observation and a person that are compared; of more, observations at even steps are taken."""
 ALIKE_FOCAL = 0.02
-"""Logarithm of the factor by which two focal lengths have to differ in how far they are from the stated one: a rig that a zoom
-has bent is off by as much."""
+"""Two focal lengths count as equally far from the stated one if their distances, as logarithms, differ by less: a rig that a
+zoom has deformed has errors of this size."""
 MOST_PLACES = 200
-"""Of people, at which an effect is computed."""
+"""Largest number of people's positions at which an effect is computed."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseChange:
-    """A camera that stood elsewhere, or had another focal length, during a stretch of time."""
+    """A camera that had another pose, or another focal length, during a stretch of time."""
 
     first: int
-    """Instant at which the stretch begins,"""
+    """First instant of the stretch."""
     last: int
-    """and the last one in it."""
+    """Last instant of the stretch."""
     at_start: bool
-    """Whether it begins with the recording,"""
+    """Whether it begins with the recording."""
     at_end: bool
-    """or ends with it."""
+    """Whether it ends with the recording."""
     main: Pose
-    """Where the camera was for the rest of the time,"""
+    """Pose of the camera for the rest of the time."""
     other: Pose
-    """and during the stretch."""
+    """Pose of the camera during the stretch."""
     gain: float
-    """How much better people who were held out are predicted, nats;"""
+    """Gain in the prediction of people who were held out, nats."""
     sigmas: float
-    """the mean of it over their blocks, in its standard errors."""
+    """Mean gain of a block, in its standard errors."""
     shift: float
-    """How far the people are moved in the image, as a share of their extent (median)."""
+    """Shift of the people in the image, as a share of their extent (median)."""
     zoom: float = 1.0
-    """The focal length during the stretch, in that of the rest."""
+    """Ratio of the focal length during the stretch to that of the rest."""
 
     @property
     def metres(self) -> float:
-        """How far the camera was moved."""
+        """Distance by which the camera centre moved, metres."""
         return float(np.linalg.norm(self.other.centre - self.main.centre))
 
     @property
     def degrees(self) -> float:
-        """How far it was turned."""
+        """Angle by which the camera was turned."""
         return float(np.degrees(angle_between(self.other.R_cw, self.main.R_cw)))
 
 
@@ -98,30 +98,30 @@ class PoseDrift:
     """A camera that keeps turning: the rotation from its mean orientation, linear in time between knots."""
 
     knots: Floats
-    """(K + 1,) instants."""
+    """(K + 1,) instants of the knots."""
     turn: Floats
     """(K + 1, 3) rotation vectors at the knots, radians, in the camera frame: the camera's rotation is exp(turn) R_cw."""
     gain: float
-    """How much better people who were held out are predicted, nats."""
+    """Gain in the prediction of people who were held out, nats."""
     pixels: float
-    """How far the drift moves people in the image, between its two farthest knots (median)."""
+    """Shift of people in the image between the two knots that differ most (median)."""
 
     @property
     def degrees(self) -> float:
-        """The largest rotation between two knots."""
+        """Largest rotation between two knots."""
         first, second = farthest(self.turn)
         R = exp_rotation(self.turn)
         return float(np.degrees(angle_between(R[first], R[second])))
 
     @property
     def steady(self) -> bool:
-        """Whether it turns at one rate all the time."""
+        """Whether it turns at a constant rate."""
         return len(self.knots) == 2
 
     def shift(self, lens: Lens, pixels: Floats, instants: Floats) -> Floats:
-        """(N, 2) where the camera would see what it saw at pixels (N, 2), had it kept its mean orientation.
+        """Return pixels (N, 2) of instants (N,) as they would be if the camera had kept its mean orientation.
 
-        NaN where the lens model cannot be inverted.
+        They are NaN where the lens model cannot be inverted.
         """
         turn = np.column_stack([np.interp(instants, self.knots, axis) for axis in self.turn.T])
         return lens.project_rays(np.einsum("nji,nj->ni", exp_rotation(turn), lens.bearings(pixels)))
@@ -129,40 +129,40 @@ class PoseDrift:
 
 @dataclass(frozen=True, eq=False)
 class FoundChange:
-    """A change that was fitted, and compared with a camera that stays as it is."""
+    """A change that was fitted, and compared with a camera at rest."""
 
     kind: Kind
     path: CameraPath
     predicted: Floats
-    """(B,) cost of each block where it was held out, nats."""
+    """(B,) cost of each block when it was held out, nats."""
     over_base: Comparison
     log_prior: float
 
     @property
     def log_odds(self) -> float:
-        """Against a camera that stays as it is."""
+        """Logarithm of the odds against a camera at rest."""
         return self.over_base.log_evidence + self.log_prior
 
     @property
     def unknowns(self) -> int:
-        """How many the change has, with the dates of a stretch."""
+        """Number of unknowns of the change, including the times of a stretch."""
         times = self.path.times
         dates = np.isfinite([times.first, times.last]).sum() if isinstance(times, Stretch) else 0
         return len(PARTS[self.kind]) * times.size + int(dates)
 
     def explains_more(self, other: FoundChange) -> bool:
-        """Whether it predicts so much better than another one that it leaves no choice."""
+        """Check whether this change predicts significantly better than another one, priors included."""
         between = Comparison.of(self.predicted, other.predicted)
         return between.log_evidence + self.log_prior - other.log_prior > LOG_ODDS
 
     def effect(self, rig: Rig, camera: int, places: Floats, measuring: MeasuringFigures | None) -> float:
-        """How differently the rig measures at its two farthest times, in its standard deviations; infinite where unknown.
+        """Compute how the rig's measurements differ between the two most different times, in their standard deviations.
 
         Args:
-            rig: its poses.
-            camera: index of the one that changed.
-            places: (N, 2) of people on the ground, metres.
-            measuring: how certainly the rig measures.
+            rig: the rig with its poses.
+            camera: index of the camera that changed.
+            places: (N, 2) positions of people on the ground, metres.
+            measuring: sigmas of the rig's measurements; None: the effect is infinite.
         """
         step = int(np.ceil(len(places) / MOST_PLACES))
         ends = [self.path.constant(one) for one in self._ends()]
@@ -171,7 +171,7 @@ class FoundChange:
         return np.inf if moved is None or measuring is None else effect(moved, measuring)
 
     def _ends(self) -> Floats:
-        """(2, 7) the change at the two times between which it is largest."""
+        """Return the change (2, 7) at the two times between which it differs most."""
         times, c = self.path.times, self.path.coefficients
         if isinstance(times, Stretch):
             return np.vstack([np.zeros_like(c[0]), c[0]])
@@ -180,13 +180,13 @@ class FoundChange:
 
 
 def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras: int) -> SuspectedChange | None:
-    """What may have changed while a camera filmed, not compared yet; None where nothing hints at a change.
+    """Find possible changes of a camera while it filmed, not yet compared; None without a sign of a change.
 
     Args:
         m: the camera's observations with the people of their instants.
-        pose: of the whole recording, as found without regard to changes.
+        pose: pose of the camera for the whole recording, estimated without changes.
         per_second: instants a second.
-        n_cameras: of the rig; the prior odds that one of them changes are those of the whole rig.
+        n_cameras: number of cameras of the rig; the prior odds of a change of the whole rig are divided among them.
     """
     if len(m) < 2 * WINDOW_ROWS:
         return None
@@ -195,7 +195,7 @@ def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras:
     if not is_suspicious(few, base):
         return None
     trial = _Trial(few, base, blocks_of(few.own.step, few.own.identity, per_second)[0], n_cameras)
-    # With all parts free, and with the most pieces: where these cannot convince, nothing simpler can.
+    # All parts are free, and pieces are most numerous: if these are not significant, no simpler change is.
     steps = tuple(path for path in find_stretches(few, base) if trial.may_convince("moved", path))
     finest = next((path for pieces in reversed(PIECES) if (path := fit_drift(few, base, pieces)) is not None), None)
     drift = finest if finest is not None and trial.may_convince("drifts", finest) else None
@@ -208,17 +208,17 @@ def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras:
 
 @dataclass(frozen=True, eq=False)
 class SuspectedChange:
-    """What may have changed while a camera filmed."""
+    """Possible changes of a camera while it filmed."""
 
     trial: _Trial
     steps: tuple[CameraPath, ...]
     drift: CameraPath | None
-    """Of the most pieces."""
+    """Drift with the largest number of pieces; None if it is not significant."""
     gain: float
-    """How much better the best of them fits, nats; people who are held out gain less."""
+    """Gain in the fit of the best change, nats; the gain of held-out people is smaller."""
 
     def compared(self) -> FoundChange | None:
-        """The change that predicts people best; None where none is ten times as probable as a camera that stays as it is."""
+        """Find the change that predicts people best; None if none is ten times as probable as a camera at rest."""
         kinds: tuple[Kind, ...] = ("zoomed", "moved", "zoomed_and_moved")
         steps = [found for path in self.steps for kind in kinds if (found := self.trial.step(kind, path)) is not None]
         drifts = [found for path in self._drifts() if (found := self.trial.drift(path)) is not None]
@@ -226,7 +226,7 @@ class SuspectedChange:
         return max(likely, key=lambda one: one.over_base.gain + one.log_prior, default=None)
 
     def _drifts(self) -> list[CameraPath]:
-        """Of all numbers of pieces."""
+        """Return the drifts with all numbers of pieces."""
         if self.drift is None:
             return []
         fewer = (pieces for pieces in PIECES if pieces < self.drift.times.size)
@@ -236,7 +236,7 @@ class SuspectedChange:
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """One camera's observations, in blocks, and the camera that stays as it is."""
+    """One camera's observations in blocks, and the path of the camera at rest."""
 
     m: Correspondences
     base: CameraPath
@@ -244,7 +244,7 @@ class _Trial:
     n_cameras: int
 
     def step(self, kind: Kind, path: CameraPath) -> FoundChange | None:
-        """A change in a stretch of time near the first one; None where the observations do not call for one."""
+        """Fit a change in a stretch of time, near an initial path, and compare it; None if it is not significant."""
         parts = PARTS[kind]
         change = np.zeros_like(path.coefficients)
         change[:, parts] = path.coefficients[:, parts]
@@ -257,38 +257,38 @@ class _Trial:
         return self._compared(kind, full, [refine_stretch(self.m, full, parts, held=held) for held in self._folds()])
 
     def elsewhere(self, kind: Kind, start: CameraPath) -> FoundChange:
-        """A camera that differs from the base all of the time, near a first one; the base is held."""
+        """Fit and compare a camera that differs from the base all of the time, near an initial path; the base is fixed."""
         parts = PARTS[kind]
         full = fit_path(self.m, start, own=parts, widening=4.0)
         return self._compared(kind, full, self._without_folds(full, own=parts), base_held=True)
 
     def drift(self, path: CameraPath) -> FoundChange | None:
-        """A drift; None where the observations do not call for one."""
+        """Compare a drift with the camera at rest; None if it is not significant."""
         if not self.may_convince("drifts", path):
             return None
         return self._compared("drifts", path, self._without_folds(path, TURNS))
 
     def _folds(self) -> list[np.ndarray]:
-        """The observations that are held out, fold by fold."""
+        """Return masks (M,) of the held-out observations, one for each fold."""
         return [self.block % FOLDS == fold for fold in range(FOLDS) if (self.block % FOLDS == fold).any()]
 
     @cached_property
     def _still(self) -> list[CameraPath]:
-        """The camera that stays as it is, fitted without each fold."""
+        """The paths of the camera at rest, fitted without each fold."""
         return self._without_folds(self.base)
 
     def _without_folds(
         self, path: CameraPath, parts: tuple[int, ...] = (), own: tuple[int, ...] = WITH_CLOCK
     ) -> list[CameraPath]:  # fmt: skip
-        """A path that was fitted to all observations, fitted without each fold."""
+        """Fit a path, which was fitted to all observations, again without each fold."""
         return [fit_path(self.m.part(~held), path, parts, own=own, steps=STEPS_WITHOUT) for held in self._folds()]
 
     def _costs(self, path: CameraPath) -> Floats:
-        """(B,) of each block by a path that was fitted to all of them."""
+        """Return the cost (B,) of each block by a path that was fitted to all of them."""
         return np.asarray(np.bincount(self.block, costs_along(self.m, path)), dtype=np.float64)
 
     def may_convince(self, kind: Kind, full: CameraPath) -> bool:
-        """Whether a change that was fitted to all observations is worth predicting those of each fold."""
+        """Check whether a change is significant on the observations that it was fitted to; only then folds are predicted."""
         return may_convince(self._costs(full), self._costs(self.base), self._log_prior(kind))
 
     def _log_prior(self, kind: Kind) -> float:
@@ -297,7 +297,7 @@ class _Trial:
     def _compared(
         self, kind: Kind, full: CameraPath, folds: Sequence[CameraPath | None], *, base_held: bool = False
     ) -> FoundChange:
-        """Each fold predicted by a path that was fitted to the others; by the base where that is None."""
+        """Predict each fold by a path that was fitted to the others, or by the base if that path is None."""
         n = int(self.block.max()) + 1
         predicted, before = np.zeros(n), np.zeros(n)
         still_paths = [self.base] * len(folds) if base_held else self._still
@@ -309,7 +309,7 @@ class _Trial:
 
 
 def _simplest(family: Sequence[FoundChange]) -> FoundChange | None:
-    """The simplest change that none of the others explains more than; None where a camera that stays does as well."""
+    """Return the simplest significant change that no other change explains more than; None without any."""
     counted = [one for one in family if one.log_odds > LOG_ODDS]
     ordered = sorted(counted, key=lambda one: one.unknowns)
     for number, one in enumerate(ordered):
@@ -319,15 +319,15 @@ def _simplest(family: Sequence[FoundChange]) -> FoundChange | None:
 
 
 def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChange:
-    """A change in a stretch of time, as it is reported.
+    """Return a change in a stretch of time for reports.
 
     Args:
         m: the camera's observations with the people of their instants.
-        found: not a drift.
-        stated: whether the lens was calibrated: what it does not hold for is then the stretch, of any length.
+        found: the change, not a drift.
+        stated: whether the lens was calibrated: then the stretch is the time for which it does not hold, of any length.
     """
     path, zooms, t = found.path, found.kind != "moved", m.own.step
-    if not zooms:  # as large as it is by the lens and the clock as they are
+    if not zooms:  # the size of the motion with the lens and the clock as they are
         path = fit_path(m, replace(path, log_focal=0.0, late=(0.0, 0.0)), MOVES, own=MOVES)
     inside = path.times.at(t)[:, 0] > 0
     at_start, at_end = bool(inside[0]), bool(inside[-1])
@@ -350,18 +350,18 @@ def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChan
 
 
 def measure_step(part: Correspondences, pose: Pose, change: PoseChange, per_second: float, n_cameras: int) -> PoseChange:
-    """A change as large as it is by a rig without it; as it was for fewer than `WINDOW_ROWS` observations.
+    """Measure a change again by a rig without it; with fewer than `WINDOW_ROWS` observations it is not changed.
 
     Args:
-        part: what the camera saw during the stretch.
-        pose: of the rest of the time.
-        change: by a rig that the change has bent.
+        part: the camera's observations during the stretch.
+        pose: pose of the camera for the rest of the time.
+        change: the change as measured by a rig that it deformed.
         per_second: instants a second.
-        n_cameras: of the rig.
+        n_cameras: number of cameras of the rig.
     """
     if len(part) < WINDOW_ROWS:
         return change
-    # The old rig's frame of the world is not the new one's: the change itself carries over.
+    # The world frames of the old and the new rig differ: the change is applied relative to the camera's pose.
     main, other = change.main, change.other
     turned = other.R_cw @ main.R_cw.T @ pose.R_cw
     moved = Pose.from_centre(turned, pose.centre + pose.R_cw.T @ main.R_cw @ (other.centre - main.centre))
@@ -378,7 +378,7 @@ def measure_step(part: Correspondences, pose: Pose, change: PoseChange, per_seco
 
 
 def fit_drift(m: Correspondences, base: CameraPath, pieces: int) -> CameraPath | None:
-    """The drift of so many linear pieces of equal length; None for fewer than `WINDOW_ROWS` observations in half a piece."""
+    """Fit a drift of linear pieces of equal length; None for fewer than `2 * WINDOW_ROWS` observations a piece."""
     if len(m) < 2 * WINDOW_ROWS * pieces or m.own.step[0] == m.own.step[-1]:
         return None
     start = replace(base, origin=float(m.own.step.mean()), times=Knots.even(m.own.step, pieces), change=None)
@@ -386,7 +386,7 @@ def fit_drift(m: Correspondences, base: CameraPath, pieces: int) -> CameraPath |
 
 
 def drift_of(m: Correspondences, path: CameraPath, gain: float) -> PoseDrift:
-    """A drift, as it is reported."""
+    """Return a drift for reports."""
     assert isinstance(path.times, Knots)
     turn = path.changed(path.times.instant)[:, TURN]
     first, second = farthest(turn)
@@ -396,14 +396,14 @@ def drift_of(m: Correspondences, path: CameraPath, gain: float) -> PoseDrift:
 
 
 def farthest(turn: Floats) -> tuple[int, int]:
-    """The two of (K, 3) rotation vectors that differ most."""
+    """Return the indices of the two rotation vectors (K, 3) that differ most."""
     apart = np.linalg.norm(turn[:, None] - turn[None], axis=2)
     first, second = np.unravel_index(int(apart.argmax()), apart.shape)
     return int(first), int(second)
 
 
 def _with_camera(rig: Rig, camera: int, at: CameraPath) -> Rig:
-    """A rig with another pose and focal length of one camera."""
+    """Return a rig with another pose and focal length of one camera."""
     lens = rig.cameras[camera].lens
     matrix = lens.matrix.copy()
     matrix[:2, :2] *= np.exp(at.log_focal)

@@ -1,7 +1,7 @@
-"""Alternatives compared by prediction: how much better people who were held out fit, block by block.
+"""Comparison of alternatives by prediction: the gain in the fit of people who were held out, block by block.
 
-Likelihood ratios that count every box are far too certain, since a person errs alike from one instant to the next. The scatter
-of the gains between blocks holds that, whatever the observations are.
+Likelihood ratios that count every box as independent are far too certain, since a person's errors are nearly the same from one
+instant to the next. The scatter of the gains between blocks includes this correlation, for any kind of observation.
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ from passerby.hypotheses.case import Case, prior_precision
 
 FOLDS = 5
 LOG_ODDS = float(np.log(10.0))
-"""An explanation counts that is ten times as probable as the one it is compared with, its prior odds included: strong evidence
-(Jeffreys, *Theory of Probability*, 1961). A sound site then raises an alternative about once in a hundred times."""
+"""An explanation is significant if it is ten times as probable as the one it is compared with, prior odds included: strong
+evidence (Jeffreys, *Theory of Probability*, 1961). For a sound site, an alternative is then significant about once in a hundred
+times."""
 
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """A model fitted to all blocks, and what each block costs where it was held out."""
+    """A model fitted to all blocks, and the cost of each block when it was held out."""
 
     case: Case
     predicted: Floats
-    """(B,) nats."""
+    """(B,) costs of the held-out blocks, nats."""
 
     @classmethod
     def of(cls, case: Case, *, fitted: bool = False) -> Refit:
@@ -47,17 +48,17 @@ class Comparison:
     gain: float
     """Sum over all blocks, nats."""
     z: float
-    """Mean over its standard error between blocks."""
+    """Mean gain of a block, in its standard errors."""
     log_evidence: float
-    """Logarithm of the odds that the better model is right, before priors: the gain, or less where its scatter says so."""
+    """Logarithm of the odds that the better model is right, before priors: the gain, or less if its scatter is large."""
 
     @classmethod
     def of(cls, better: Floats, worse: Floats) -> Comparison:
-        """From (B,) costs of the held-out blocks, nats.
+        """Compare two models by the costs (B,) of the held-out blocks, nats.
 
-        A gain of h / 2 is what a right alternative has where a wrong one has -h / 2. So a mean gain z standard errors above 0
-        is 2 z above what it would be by chance, and the scatter grants a log likelihood ratio of 2 z^2 for normal gains; with
-        few blocks less, by Student's distribution.
+        If the mean gain of a right alternative is h / 2, that of a wrong one is -h / 2. So a mean gain z standard errors above
+        0 is 2 z above the gain of a wrong one. For normal gains, this allows a log likelihood ratio of 2 z^2 at most; with few
+        blocks less, by Student's distribution.
         """
         gains = worse - better
         n, total = len(gains), float(gains.sum())
@@ -68,14 +69,13 @@ class Comparison:
 
 
 def may_convince(fitted: Floats, base: Floats, log_prior: float) -> bool:
-    """Whether an alternative is worth predicting held-out blocks: it explains those that it was fitted to convincingly.
+    """Check whether an alternative is significant on the blocks that it was fitted to; only then held-out blocks are predicted.
 
-    Blocks that were held out gain less than those that were fitted. The scatter of few blocks is uncertain itself: nothing is
-    taken off for that here.
+    Held-out blocks gain less than fitted ones. The uncertainty of the scatter with few blocks is not considered here.
 
     Args:
         fitted: (B,) costs of the blocks by the alternative, fitted to all of them, nats.
-        base: (B,) and by the base model.
+        base: (B,) costs of the blocks by the base model, nats.
         log_prior: logarithm of the alternative's prior odds.
     """
     found = Comparison.of(fitted, base)
@@ -84,32 +84,32 @@ def may_convince(fitted: Floats, base: Floats, log_prior: float) -> bool:
 
 @dataclass(frozen=True)
 class Screened:
-    """What one linearisation says of an alternative."""
+    """Result of the score test of an alternative, from one linearisation."""
 
     alternative: Alternative
     cameras: tuple[str, ...]
-    """Names."""
+    """Names of the cameras."""
     gain: float
-    """By how much the cost of observations and priors would fall, nats."""
+    """Predicted decrease of the cost of observations and priors, nats."""
     change: float
-    """Where its first unknown would go, as an unknown of `LensUnknowns`."""
+    """Predicted value of its first free unknown, as an unknown of `LensUnknowns`."""
     sigma: float
-    """One standard deviation of it."""
+    """One standard deviation of `change`."""
 
 
 def screen(base: Case, alternatives: list[Alternative]) -> list[Screened]:
-    """Score tests of alternatives (Rao 1948): one linearisation for all.
+    """Compute the score tests of alternatives (Rao 1948), with one linearisation for all.
 
     Args:
-        base: at its optimum.
-        alternatives: those to test.
+        base: the base model at its optimum.
+        alternatives: the alternatives to test.
     """
     P, covariance, lens = prior_precision(base.problem), base.lens_covariance(), base.state.lens.ravel()
     weight = float(np.mean(base.problem.lens_weight))
     out = []
     for alternative in alternatives:
         less = P - prior_precision(alternative.apply(base.problem, base.stated))
-        free = alternative.cameras[0] * LENS.size + alternative.columns  # where its prior is as wide already
+        free = alternative.cameras[0] * LENS.size + alternative.columns  # used if the base prior is already as wide
         at = np.flatnonzero(less.any(axis=0)) if less.any() else free
         E, C, stated = less[np.ix_(at, at)], covariance[np.ix_(at, at)], lens[at]
         # Without the prior E the optimum moves by d with (C^-1 - E) d = E l, and the cost falls by l' E (l + d) / 2.
@@ -121,7 +121,7 @@ def screen(base: Case, alternatives: list[Alternative]) -> list[Screened]:
 
 
 def effect(change: MeasuringErrors, measuring: MeasuringFigures) -> float:
-    """The change of what a rig measures, in its standard deviations: of points, or of one camera's ground if that is more."""
+    """Return the larger change of a rig's measurements, of points or of one camera's ground, in their standard deviations."""
     ground = [
         one.median_mm / max(own.median_mm, 1e-9)
         for name, one in change.cameras.items()

@@ -1,4 +1,4 @@
-"""One camera's observations, and the people by the other cameras that each of them may show."""
+"""Correspondences between one camera's sightings and the people whom the other cameras place."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from passerby.people.body_centres import TriangulatedPeople
 from passerby.people.sightings import Sightings
 
 MOST_ROWS = 2000
-"""Sightings of a camera at most: of more, even steps are taken. Of 75 hostile cases (motions, cameras and later people in
-benchmarks/reliability, seed 106000) one wrong rig is accepted, the same as with twice as many."""
+"""Approximate largest number of sightings of a camera; of more, instants at even steps are taken. Of 75 hostile cases (motions,
+cameras and later people in benchmarks/reliability, seed 106000) one wrong rig is accepted, the same as with twice as many."""
 FOLLOWED = 3
-"""Velocities are those between the places so many observations of a person before and after; noise of a place is 5 cm."""
+"""A velocity is computed between the places this many observations of a person before and after; the noise of a place is
+5 cm."""
 
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """One camera's sightings, and to each all the people that it may show: K pairs."""
+    """K pairs of a sighting of one camera and a person that it may show; a sighting may have several."""
 
     own: Sightings
     people: TriangulatedPeople
@@ -33,23 +34,23 @@ class Correspondences:
     """(K,) row of `people`."""
     person_height_m: float
     given: bool
-    """Whether the sightings' identities are the people's."""
+    """Whether the identities of the sightings are those of the people."""
 
     def __len__(self) -> int:
         return len(self.own)
 
     @cached_property
     def columns(self) -> PairColumns:
-        """What residuals of the pairs need."""
+        """The inputs of the pairs' residuals."""
         return PairColumns.of(self.own, self.people, self.row, self.person, self.person_height_m)
 
     @cached_property
     def velocity(self) -> Floats:
-        """(3, K) of the pairs' people, metres an instant; 0 where a person is not followed."""
+        """(3, K) velocities of the pairs' people, metres an instant; 0 where neighbouring positions are missing."""
         return np.ascontiguousarray(_velocities(self.people)[self.person].T)
 
     def part(self, rows: NDArray[np.bool_]) -> Correspondences:
-        """The sightings (M,) that are marked."""
+        """Select the marked sightings (M,)."""
         number = np.cumsum(rows) - 1
         kept = rows[self.row]
         return Correspondences(
@@ -58,7 +59,7 @@ class Correspondences:
 
 
 def instants_compared(own: Sightings, others: Ints) -> Ints:
-    """The instants at which a camera's sightings are compared with people, ascending: of more than `MOST_ROWS`, even steps.
+    """Return the instants at which a camera's sightings are compared with people, ascending; at even steps for `MOST_ROWS`.
 
     Args:
         own: sightings, in the order of their instants.
@@ -74,14 +75,14 @@ def instants_compared(own: Sightings, others: Ints) -> Ints:
 def match_people(
     own: Sightings, people: TriangulatedPeople, person_height_m: float, *, given: bool, instants: Ints | None = None
 ) -> Correspondences:
-    """A camera's sightings with the people of their instants.
+    """Match a camera's sightings with the people of their instants.
 
     Args:
         own: sightings, in the order of their instants.
-        people: by the other cameras.
+        people: positions of the people by the other cameras.
         person_height_m: typical standing height, metres.
-        given: whether the sightings' identities are the people's.
-        instants: of `instants_compared`; None: they follow from the people.
+        given: whether the identities of the sightings are those of the people.
+        instants: result of `instants_compared`; None: it is computed from the people.
     """
     instants = instants_compared(own, people.instant) if instants is None else instants
     own = own.take(np.isin(own.step, instants))
@@ -94,7 +95,7 @@ def match_people(
 
 
 def _velocities(people: TriangulatedPeople) -> Floats:
-    """(N, 3) velocity of each person, metres an instant."""
+    """Return the velocity (N, 3) of each person, metres an instant."""
     order = np.lexsort((people.instant, people.identity))
     identity, instant, place = people.identity[order], people.instant[order], people.place[order]
     rows = np.arange(len(order))

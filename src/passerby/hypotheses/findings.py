@@ -1,4 +1,4 @@
-"""What is reported of lenses that people contradict, as typed values."""
+"""Findings on lenses, readings and box formats that people contradict, as typed values."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from passerby.hypotheses.lenses import FoundLenses, LensResult
 from passerby.hypotheses.observations import ReadCamera
 
 CROPPED = 0.03
-"""A principal point that is off by this share of the width comes from an image that was cropped."""
+"""If a principal point is off by more than this share of the width, the image was probably cropped."""
 
 Why = Literal["several", "implausible", "not_better"]
-"""Why a contradicted lens is not corrected: several explanations fit alike; no lens is wrong by so much; the rig with the
-corrected lens predicts people worse, or loses cameras."""
+"""Reasons why a contradicted lens is not corrected: several explanations fit equally well; the change is larger than usual
+errors of lenses; the rig with the corrected lens predicts people worse, or loses cameras."""
 
 
 def lens_corrected(found: FoundLenses) -> Finding:
-    """A lens that was corrected."""
+    """Return the notice on a lens that was corrected."""
     return notice("lens_corrected", *_about(found), **_values(found))
 
 
 def lens_differs(found: FoundLenses) -> Finding:
-    """A lens that is stated wrongly, and changes what the rig measures by less than its uncertainty."""
+    """Return the notice on a wrongly stated lens that changes the rig's measurements by less than their uncertainty."""
     return notice("lens_differs", *_about(found), **_values(found))
 
 
 def lens_doubtful(result: LensResult, why: Why | None = None) -> Finding:
-    """Lenses of which one is stated wrongly, and that are not corrected; a notice where the sigmas hold what may be wrong."""
+    """Return the finding on contradicted lenses that are not corrected: a notice if the sigmas include the possible error."""
     found = result.found
     assert found is not None
     if why is None:
@@ -50,7 +50,7 @@ def lens_doubtful(result: LensResult, why: Why | None = None) -> Finding:
 
 
 def misread(found: ReadCamera, *, corrected: bool = False) -> Finding:
-    """A camera whose observations another reading explains better; `corrected`: in a rig that was computed with it."""
+    """Return the finding on a camera that another reading explains better; `corrected`: the rig was computed with it."""
     reading = found.reading
     said = doubt if not corrected and found.effect > 1 else notice
     if reading.late_s is not None:
@@ -67,13 +67,13 @@ def misread(found: ReadCamera, *, corrected: bool = False) -> Finding:
 
 
 def boxes_in_other_format(found: ShiftedBoxes) -> Finding:
-    """Boxes that lie half their height off, as if their centres were read as corners, or corners as centres."""
+    """Return the doubt about boxes that are off by half their height: centres read as corners, or corners as centres."""
     box_format, stated = ("centres", "ltwh") if found.shift > 0 else ("ltwh", "centres")
     return doubt("boxes_by_centres", *found.cameras, beyond=None, box_format=box_format, stated=stated, shift=found.shift)
 
 
 def _about(found: FoundLenses) -> tuple[str, ...]:
-    """The camera that a finding is about; none where it is about all."""
+    """Return the cameras of a finding; none if it is about all."""
     return () if found.alternative.alike else tuple(found.stated.names[c] for c in found.alternative.cameras)
 
 
@@ -82,7 +82,7 @@ def _moved_mm(found: FoundLenses) -> float | None:
 
 
 def _values(found: FoundLenses) -> dict[str, Any]:
-    """What was stated and what people fit, in the parts that are free; of several cameras the shared factor."""
+    """Return the stated and the fitted values of the free parts; for several cameras the shared factor."""
     c = found.alternative.cameras[0]
     stated, change, sigma = found.stated.cameras[c].lens, found.change[c], found.sigma[c]
     lens = LENS.moved(stated, change)
@@ -96,7 +96,7 @@ def _values(found: FoundLenses) -> dict[str, Any]:
             }  # fmt: skip
         elif part == "principal_point":
             by = change[columns]
-            # The direction that is known best: by boxes, the vertical one turns with the camera.
+            # The most significant direction: with boxes, the vertical shift is correlated with the camera's tilt.
             axis = int(np.argmax(np.abs(by) / np.maximum(sigma[columns], 1e-9)))
             side = ("left", "right") if axis == 0 else ("top", "bottom")
             cropped = abs(by[axis]) > CROPPED * stated.size[0]

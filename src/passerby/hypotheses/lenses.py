@@ -1,4 +1,4 @@
-"""Which stated lenses do people contradict, and what becomes of it: nothing, a notice, a correction or a doubt."""
+"""Test whether people contradict stated lenses, and the decision: nothing, a notice, a correction or a doubt."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.people import PeopleSolution
 
 LEAST_SCREENED = 12.0
-"""Nats below which nothing is fitted. Of 39 simulated scenes with right lenses 37 have 11 or less (three presets, seeds 700 to
-733; two with two cameras each have 28 and 69), and those with wrong ones 42 or more."""
+"""Least gain of the score test, nats, at which an alternative is fitted. Of 39 simulated scenes with right lenses 37 have 11 or
+less (three presets, seeds 700 to 733; two with two cameras each have 28 and 69), and those with wrong ones 42 or more."""
 MOST_REFITS = 3
-"""Alternatives that are fitted, those with the largest scores."""
+"""Largest number of alternatives that are fitted: those with the largest scores."""
 MOST_SIGMAS = 3.0
-"""A lens that would go farther than so many of the standard deviations of wrong lenses (`WRONG`) is no explanation: the camera
-stands elsewhere, or shows other people."""
+"""A change of a lens by more than this many standard deviations of wrong lenses (`WRONG`) is not plausible: the camera has
+another pose, or shows other people."""
 
 Decision = Literal["nothing", "notice", "correct", "unsettled", "doubt"]
-"""`unsettled`: several explanations fit about as well. The lenses stay as stated, and the sigmas hold what may be wrong."""
+"""`unsettled`: several explanations fit about as well. The lenses stay as stated, and the sigmas include the possible error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class FittedAlternative:
 
     @property
     def log_odds(self) -> float:
-        """Against the lenses as stated."""
+        """Logarithm of the odds against the stated lenses."""
         return self.over_base.log_evidence + self.alternative.log_prior
 
 
@@ -51,20 +51,20 @@ class FoundLenses:
     """Lenses that fit better than those stated."""
 
     alternative: Alternative
-    """What is free; several parts of a lens where they stand in for each other."""
+    """The free parameters; several parts of a lens if they explain the observations about equally well."""
     stated: Rig
     change: Floats
-    """(C, L) by how much they differ from the stated ones, in what is free; 0 elsewhere."""
+    """(C, L) differences of the free unknowns from the stated lenses; 0 for the others."""
     sigma: Floats
-    """(C, L) one standard deviation of it."""
+    """(C, L) one standard deviation of each unknown."""
     moved: MeasuringErrors | None
-    """How differently the rig measures with them."""
+    """Differences between measurements with these lenses and with the stated ones; None where they cannot be computed."""
 
     @classmethod
     def of(cls, alternative: Alternative, base: Case, case: Case, corrected: Sequence[Alternative] = ()) -> FoundLenses:
-        """From the base model and a model with the alternative free, both at their optima.
+        """Compare the base model with a model in which the alternative is free, both at their optima.
 
-        What was `corrected` before is free in both.
+        The alternatives that were `corrected` before are free in both.
         """
         change = np.zeros_like(case.state.lens)
         for one in (*corrected, alternative):
@@ -75,11 +75,11 @@ class FoundLenses:
 
     @property
     def is_plausible(self) -> bool:
-        """Whether they go no farther than lenses are stated wrongly."""
+        """Whether the changes are within `MOST_SIGMAS` of wrongly stated lenses."""
         return bool((np.abs(self.change) <= MOST_SIGMAS * prior_scales(self.stated, WRONG)).all())
 
     def corrected(self, rig: Rig) -> Rig:
-        """The cameras of a rig, known by their names, with these lenses and their uncertainty."""
+        """Return a rig with these lenses and their uncertainty; cameras are identified by their names."""
         lenses = {}
         for c in np.flatnonzero(self.change.any(axis=1)).tolist():
             lens = LENS.moved(rig[self.stated.names[c]].lens, self.change[c])
@@ -89,7 +89,7 @@ class FoundLenses:
         )  # fmt: skip
 
     def _with_sd(self, c: int, lens: Lens) -> Lens:
-        """A camera's lens with the standard deviations of the parts that differ."""
+        """Return a camera's lens with the standard deviations of the parts that changed."""
         focal, *point, distortion = np.maximum(self.sigma[c], 1e-6).tolist()
         differs = {part: bool(self.change[c, LENS.columns_of(part)].any()) for part in LENS_PARTS}
         if differs["focal"]:
@@ -101,25 +101,25 @@ class FoundLenses:
 
 @dataclass(frozen=True, eq=False)
 class LensResult:
-    """What the alternatives about lenses come to."""
+    """Result of the test of the stated lenses."""
 
     decision: Decision
     screened: tuple[Screened, ...] = ()
-    """All alternatives; empty where nothing could be compared."""
+    """Score tests of all alternatives; empty if they could not be computed."""
     suspects: tuple[FittedAlternative, ...] = ()
-    """Those that count: one, or those that explain the observations about equally well; the most likely first."""
+    """The significant alternatives: one, or several that explain the observations about equally well; the most likely first."""
     found: FoundLenses | None = None
-    """The lenses of the most likely one."""
+    """The lenses of the most likely suspect; None without any."""
     tested: tuple[FittedAlternative, ...] = ()
-    """All whose predictions were compared."""
+    """All alternatives whose predictions were compared."""
 
 
 def examine_lenses(solution: PeopleSolution, corrected: Sequence[Alternative] = ()) -> LensResult:
     """Compare the stated lenses with the alternatives to them.
 
     Args:
-        solution: a solution by stated lenses; where lenses were refined, they went where people put them.
-        corrected: alternatives that were adopted before: what they are about stays free.
+        solution: a solution by stated lenses; if it refined lenses, the decision is "nothing": they already fit the people.
+        corrected: alternatives that were adopted before; their parameters stay free.
     """
     case = None if solution.covariance is None or solution.covariance.free.cameras else Case.of(solution)
     if case is None or solution.covariance is None:
@@ -151,7 +151,7 @@ def examine_lenses(solution: PeopleSolution, corrected: Sequence[Alternative] = 
     suspects = (best, *(one for one in others if not _explains_more(best, one)))
     own = [one for one in suspects if one.alternative.cameras == best.alternative.cameras]
     freed, case = best.alternative, best.refit.case
-    if len(own) > 1:  # parts of one lens stand in for each other: all of them are free
+    if len(own) > 1:  # several parts of one lens explain the observations: all of them are free
         for one in own[1:]:
             freed = freed.with_parts_of(one.alternative)
         case = base.with_problem(freed.apply(base.problem, base.stated)).fitted()
@@ -168,6 +168,6 @@ def examine_lenses(solution: PeopleSolution, corrected: Sequence[Alternative] = 
 
 
 def _explains_more(best: FittedAlternative, other: FittedAlternative) -> bool:
-    """Whether one alternative predicts so much better than another one that it leaves no choice."""
+    """Check whether one alternative predicts significantly better than another one, priors included."""
     between = Comparison.of(best.refit.predicted, other.refit.predicted)
     return between.log_evidence + best.alternative.log_prior - other.alternative.log_prior > LOG_ODDS

@@ -1,8 +1,8 @@
-"""Does one camera see other things than its observations are taken for? Readings compared by what the others' people predict.
+"""Test whether one camera's observations were misread, by prediction from the people whom the other cameras place.
 
-The other cameras place the people. Under each reading (`readings`) the camera is registered to them without a fifth of the
-blocks, which it then predicts; a clock's offset is found without them, too. The gains of the blocks are compared as those of
-all alternatives (`comparison`). Lenses are those of the rig: this holds whether they were stated or estimated.
+Under each reading (`readings`) the camera is registered to these people without a fifth of the blocks, which it then predicts.
+A clock's offset is found without them, too. The gains of the blocks are compared as those of all alternatives (`comparison`).
+Lenses are those of the rig, stated or estimated.
 """
 
 from __future__ import annotations
@@ -28,54 +28,54 @@ from passerby.hypotheses.registration import FEWEST, SeenPeople, find_bodies, ro
 from passerby.people.body_centres import PeopleRays, TriangulatedPeople, identified_body_centres
 
 MOST_LATE_S = 8.0
-"""Clocks are tried up to so much, one time step farther while that fits better."""
+"""Largest clock offset that is tried, seconds; the search goes on by one time step while the fit improves."""
 WALKING_M_S = 1.0
-"""A clock that is wrong misplaces walkers by their speed times its error."""
+"""Speed of walkers, metres per second: a wrong clock displaces them by this speed times its error."""
 LEAST_S = 0.1
-"""Offsets below are those of sound recordings: half a time step of the usual 5 a second. A sound scene (seed 4712 of the
-ordinary ones, points known to 4 mm) shows 0.02 s, since boxes of walkers are off along their way."""
+"""Smaller offsets, seconds, also occur in sound recordings: half a time step of the usual 5 a second. A sound scene (seed 4712
+of the ordinary ones, points known to 4 mm) shows 0.02 s, since boxes of walkers have errors along their trajectories."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReadCamera:
-    """A reading that people fit better than the observations as stated."""
+    """A reading of a camera's observations that fits people better than the stated one."""
 
     reading: Reading
     name: str
-    """Of the camera."""
+    """Name of the camera."""
     over_base: Comparison
     pose: Pose
-    """Of the camera under it, in the rig's world."""
+    """Pose of the camera under the reading, in the rig's world."""
     effect: float
-    """How differently the rig measures with it, in standard deviations of that; infinite where it is unknown."""
+    """Change of the rig's measurements by the reading, in their standard deviations; infinite where it is unknown."""
     lens: Lens
-    """Under it,"""
+    """Lens of the camera under the reading."""
     seen: CameraObservations
-    """and what the camera saw, at common time steps."""
+    """Observations of the camera under the reading, at common time steps."""
 
     @property
     def log_odds(self) -> float:
-        """Against the observations as stated."""
+        """Logarithm of the odds against the stated observations."""
         return self.over_base.log_evidence + self.reading.log_prior
 
     def applied(self, rig: Rig, instants: Observations) -> tuple[Rig, Observations]:
-        """The rig and the observations with the camera read so."""
+        """Apply the reading to the rig and the observations."""
         changed = (replace(one, lens=self.lens, pose=self.pose) if one.name == self.name else one for one in rig)
         return replace(rig, cameras=tuple(changed)), replace(instants, cameras={**instants.cameras, self.name: self.seen})
 
     @property
     def decision(self) -> Literal["notice", "correct", "doubt"]:
-        """What becomes of it."""
+        """The consequence of the reading: a notice, a correction or a doubt."""
         if self.reading.correctable:
             return "correct" if self.effect > 1 else "notice"
         return "doubt" if self.effect > 1 else "notice"
 
 
 def examine_readings(solution: Solution, instants: Observations, *, clocks: bool) -> list[ReadCamera]:
-    """The readings that explain cameras' observations better, at most one of a camera, in the order in which they were found.
+    """Find the readings that explain cameras' observations better, one for a camera at most, in the order of the search.
 
     Args:
-        solution: world z up, the ground at z = 0.
+        solution: the solved rig; world z up, the ground at z = 0.
         instants: people at common time steps, with identities over all cameras.
         clocks: whether clocks can be corrected.
     """
@@ -87,13 +87,13 @@ def examine_readings(solution: Solution, instants: Observations, *, clocks: bool
     while better := _better(rig, seen, {one.name for one in found}, clocks):
         one = min(better, key=_by_gain)
         found.append(_with_effect(one, solution, instants))
-        # What is misread spoils where the others are taken to see people: they are examined again without it.
+        # Misread observations displace the people for the other cameras: these are examined again with the right reading.
         rig, seen = one.applied(rig, seen)
     return found
 
 
 def _better(rig: Rig, instants: Observations, known: Set[str], clocks: bool) -> list[ReadCamera]:
-    """The most probable reading of each camera that counts, but of those that are known."""
+    """Find the most probable significant reading of each camera, except of the cameras in `known`."""
     rays = PeopleRays.of(rig, identified_body_centres(rig, instants))
     found = []
     for index, name in enumerate(rig.names):
@@ -111,12 +111,12 @@ def _better(rig: Rig, instants: Observations, known: Set[str], clocks: bool) -> 
 
 
 def _by_gain(found: ReadCamera) -> float:
-    """Order of those that count: their scatter says that they are real, their gains which is most probable."""
+    """Return the sorting key of significant readings: the largest gain is the most probable."""
     return -(found.over_base.gain + found.reading.log_prior)
 
 
 class _Camera:
-    """One camera against the people that the others place."""
+    """One camera's observations, and the people whom the other cameras place."""
 
     def __init__(self, rig: Rig, index: int, instants: Observations, people: TriangulatedPeople) -> None:
         camera = rig.cameras[index]
@@ -129,11 +129,11 @@ class _Camera:
         self.pose = self.stated.fitted(camera.pose) if len(self.stated) >= FEWEST else camera.pose
 
     def late_s(self, first: int = 0, fold: int | None = None) -> float:
-        """The offset of the clock that people fit best, seconds later than stated; 0 where that is none.
+        """Find the clock offset that fits people best, seconds later than stated; 0 if it is below `LEAST_S`.
 
         Args:
-            first: time steps from which it is sought.
-            fold: held out; None: none is.
+            first: offset from which the search begins, time steps.
+            fold: number of the held-out fold; None: none is held out.
         """
         costs: dict[int, float] = {}
 
@@ -159,7 +159,7 @@ class _Camera:
         return late / self.fps if abs(late) >= LEAST_S * self.fps else 0.0
 
     def compared(self, reading: Reading) -> ReadCamera | None:
-        """A reading against the observations as stated, by the people of both; None where it fits no better."""
+        """Compare a reading with the stated observations, by the people that both show; None if it fits no better."""
         read = self._read(reading)
         pose = read.other.anew(np.random.default_rng(0)) if reading.anew else self.pose
         if pose is None or len(read.other) < FEWEST:
@@ -174,7 +174,7 @@ class _Camera:
         better, worse = np.zeros(self.n_blocks), np.zeros(self.n_blocks)
         for fold in range(FOLDS):
             part = read
-            if reading.late_s is not None:  # found anew: an offset that has seen all blocks predicts none
+            if reading.late_s is not None:  # found again: an offset from all blocks would not be a prediction
                 late_s = self.late_s(round(reading.late_s * self.fps), fold)
                 part = self._read(late_clock(self.index, self.n_cameras, late_s, self.fps, correctable=reading.correctable))
             block = self._block_of(part.stated)
@@ -191,23 +191,23 @@ class _Camera:
         return _Read(lens, seen, every.take(at >= 0), self.stated.take(at[at >= 0]))
 
     def _rows(self, seen: SeenPeople) -> Ints:
-        """(M,) the row of each observation among those as stated; -1 where it has none."""
+        """Return the row (M,) of each observation among the stated ones; -1 without one."""
         ids = int(max(seen.identity.max(initial=0), self.stated.identity.max(initial=0))) + 1
         return rows_of_keys(seen.frame * ids + seen.identity, self.stated.frame * ids + self.stated.identity)
 
     def _by_block(self, block: Ints, costs: Floats) -> Floats:
-        """(B,) sums."""
+        """Sum costs (M,) by block (B,)."""
         return np.asarray(np.bincount(block, costs, self.n_blocks), dtype=np.float64)
 
     def _block_of(self, seen: SeenPeople) -> Ints:
-        """(M,) the block of each observation; -1 where it has none."""
+        """Return the block (M,) of each observation; -1 without one."""
         at = self._rows(seen)
         return np.where(at >= 0, self.block[at], -1)
 
 
 @dataclass(frozen=True, eq=False)
 class _Read:
-    """A camera's observations read differently, and as stated: the same people at the same times."""
+    """A camera's observations under another reading, and as stated: the same people at the same times."""
 
     lens: Lens
     seen: CameraObservations
@@ -216,7 +216,7 @@ class _Read:
 
 
 def _with_effect(found: ReadCamera, solution: Solution, instants: Observations) -> ReadCamera:
-    """With how differently the rig measures once the camera is where the reading puts it."""
+    """Add the change of the rig's measurements by the camera's pose under the reading."""
     rig = solution.rig.posed()
     moved = Rig(tuple(replace(one, pose=found.pose) if one.name == found.name else one for one in rig))
     places = PeopleRays.of(rig, identified_body_centres(rig, instants))

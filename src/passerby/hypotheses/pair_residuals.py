@@ -1,7 +1,7 @@
-"""Residuals of one camera's sightings under a pose, against where the other cameras see the people: thousands of times over.
+"""Residuals of one camera's sightings under a pose, relative to the people's positions by the other cameras.
 
-Everything is laid out by component, so that each operation works on all pairs of sightings and people at once: with a small
-matrix for each pair, most of the time would go into the matrices.
+They are computed thousands of times. Arrays have their components first, so that each operation works on all pairs of a
+sighting and a person at once: with a small matrix for each pair, the matrices would take most of the time.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from passerby.people.body_centres import TriangulatedPeople
 from passerby.people.sightings import Sightings
 
 SIZE_SD = 0.25
-"""By how much (as a logarithm) the size of a box may differ from that of a person of middling height where it is."""
+"""Standard deviation of the logarithm of a box's size relative to that of a person of typical height at the same place."""
 NEAREST_M = 0.3
-"""No person is taken to be nearer to a camera."""
+"""Least distance of a person from a camera, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,15 +33,15 @@ class PairColumns:
     place: Floats
     """(3, K) the person's middle, world, metres."""
     covariance: Floats
-    """(3, 3, K) of that."""
+    """(3, 3, K) covariance of the place."""
     variance: Floats
-    """(K,) of the sighting, pixels squared."""
+    """(K,) variance of the sighting, pixels squared."""
     size: Floats
-    """(K,) logarithm of the box's extent over that of a person of middling height one metre away."""
+    """(K,) logarithm of the box's extent over that of a person of typical height one metre away."""
 
     @classmethod
     def of(cls, own: Sightings, people: TriangulatedPeople, row: Ints, person: Ints, person_height_m: float) -> PairColumns:
-        """Sightings `own` at `row` (K,) with `people` at `person` (K,)."""
+        """Pair the sightings `own` at `row` (K,) with the `people` at `person` (K,)."""
         pixels = np.linalg.norm(own.middle_tangent, axis=(1, 2)) / np.sqrt(2.0)
         size = np.log(own.extent_px / (pixels * person_height_m))
         tangent, covariance = (each.transpose(1, 2, 0) for each in (own.middle_tangent, people.covariance))
@@ -51,7 +51,7 @@ class PairColumns:
         )  # fmt: skip
 
     def take(self, pairs: Ints) -> PairColumns:
-        """Some of them."""
+        """Select some of the pairs."""
         return PairColumns(
             self.ray[:, pairs], self.tangent[:, :, pairs], self.place[:, pairs], self.covariance[:, :, pairs],
             self.variance[pairs], self.size[pairs],
@@ -60,23 +60,23 @@ class PairColumns:
 
 @dataclass(frozen=True, eq=False)
 class PairResiduals:
-    """What a pose makes of K pairs."""
+    """Residuals of K pairs under a pose, and their derivatives."""
 
     residual: Floats
     """(2, K) pixels."""
     information: Floats
-    """(3, K) of the residuals: across, both, down."""
+    """(3, K) elements (0, 0), (0, 1) and (1, 1) of the information of the residuals."""
     square: Floats
-    """(K,) in sigmas, that by the size of the box included."""
+    """(K,) squared residual, in sigmas, including that of the box's size."""
     at: Floats
-    """(3, K) the people, camera frame."""
+    """(3, K) positions of the people, camera frame."""
     by_at: Floats
-    """(2, 3, K) derivative of the residual by that."""
+    """(2, 3, K) derivative of the residual by `at`."""
     by_place: Floats
-    """(2, 3, K) and by where they are in the world."""
+    """(2, 3, K) derivative of the residual by the positions in the world."""
 
     def by_pose(self) -> Floats:
-        """(2, 6, K) derivative of the residual by a rotation vector in the camera's frame, then the centre."""
+        """Return the derivative (2, 6, K) of the residual by a rotation vector in the camera's frame, then the centre."""
         x, y, z = self.at
         out = np.empty((2, 6, self.at.shape[1]))
         for axis, (a, b, c) in enumerate(self.by_at):
@@ -85,7 +85,7 @@ class PairResiduals:
         return out
 
     def take(self, pairs: Ints) -> PairResiduals:
-        """Of some of the pairs."""
+        """Select the residuals of some of the pairs."""
         return PairResiduals(
             self.residual[:, pairs], self.information[:, pairs], self.square[pairs], self.at[:, pairs],
             self.by_at[:, :, pairs], self.by_place[:, :, pairs],
@@ -93,7 +93,7 @@ class PairResiduals:
 
 
 def residuals_at(pairs: PairColumns, pose: Pose) -> PairResiduals:
-    """The residuals of pairs under a pose."""
+    """Compute the residuals of pairs under a pose."""
     at = pose.R_cw @ (pairs.place - pose.centre[:, None])
     along, square = _dot(pairs.ray, at), _dot(at, at)
     inverse = 1.0 / hold_depth(along, square)
@@ -103,7 +103,7 @@ def residuals_at(pairs: PairColumns, pose: Pose) -> PairResiduals:
     information = _information(by_place, pairs)
     across, both, down = information
     miss = across * residual[0] ** 2 + 2 * both * residual[0] * residual[1] + down * residual[1] ** 2
-    # A person of the wrong size is another person.
+    # The size of the box is a residual too: a person of the wrong size is another person.
     distance = np.maximum(np.sqrt(square), NEAREST_M)
     size = (pairs.size + np.log(distance)) / SIZE_SD
     miss = np.where(along < NEAREST_M * distance, 1e6, miss + np.maximum(size**2 - 4.0, 0.0))
@@ -111,7 +111,7 @@ def residuals_at(pairs: PairColumns, pose: Pose) -> PairResiduals:
 
 
 def _information(by_place: Floats, pairs: PairColumns) -> Floats:
-    """(3, K) inverse covariance of residuals: of the sighting, and of the place by its derivative (2, 3, K)."""
+    """Return the inverse covariance (3, K) of residuals, from the sighting and, by its derivative (2, 3, K), the place."""
     c = pairs.covariance
     u, v = by_place
     turned = np.array([_dot(c[0], v), _dot(c[1], v), _dot(c[2], v)])

@@ -1,7 +1,7 @@
-"""Alternatives about what one camera's observations are, constant through the recording.
+"""Alternative readings of one camera's observations, constant through the recording.
 
-A local refit cannot reach them: a mirrored image belongs to a camera that stands elsewhere. Each is a way of reading the
-camera's observations, after which the camera is registered anew (`registration`).
+A local refit cannot reach them: a mirrored image belongs to a camera with quite another pose. Each reading changes the camera's
+observations or its lens, and the camera is then registered again (`registration`).
 """
 
 from __future__ import annotations
@@ -23,37 +23,38 @@ SITES_WRONG: Mapping[str, float] = MappingProxyType({
 """Share of sites in which one camera's observations are wrong in this respect: recorders and drivers mirror few images, some
 cameras hang upside down, detectors run on second streams, and clocks are set by hand."""
 SUB_STREAMS = (1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3)
-"""Width and height of usual second streams over those of the main one, as far as people in them keep to a corner of it."""
+"""Ratios of the size of usual second streams to that of the main one. Larger ones are not used: there, people do not keep to a
+corner of the main image."""
 FEWEST, STRAY, STRIP = 100, 0.001, 0.0125
-"""Observations that show which part of the image is used; share of them that a tracker predicts past the border; and share of
-an image's size by which boxes that are cut off by its border reach beyond it."""
+"""Least number of observations that shows which part of the image is used; share of them that a tracker predicts beyond the
+border; and share of an image's size by which boxes that its border cuts off reach beyond it."""
 
 View = tuple[Lens, CameraObservations]
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One camera's observations read differently."""
+    """Another reading of one camera's observations."""
 
     code: str
     camera: int
-    """Index."""
+    """Index of the camera."""
     log_prior: float
     """Logarithm of its prior odds against the observations as stated; a site has one prior, shared by its cameras."""
     read: Callable[[Lens, CameraObservations], View]
-    """The lens and what the camera saw, at common time steps, from those as stated. Pixels of images of another size stay, and
-    the lens changes: the measured values are the same, so that likelihoods compare."""
+    """Function from the stated lens and observations, at common time steps, to those of the reading. For images of another
+    size, pixels stay and the lens changes: the measured values are the same, so that likelihoods can be compared."""
     anew: bool = True
-    """Whether the pose is sought from nothing; else from the one it has."""
+    """Whether the pose is searched for without an initial one; else from the present one."""
     correctable: bool = False
     late_s: float | None = None
-    """Seconds that the camera shows the world after its clock."""
+    """Delay of the camera's pictures relative to its clock, seconds; None for other readings."""
     share: float | None = None
-    """Width of the smaller image over that of the stated one."""
+    """Ratio of the width of the smaller image to that of the stated one; None for other readings."""
 
 
 def image_readings(camera: int, n_cameras: int, lens: Lens, seen: CameraObservations) -> list[Reading]:
-    """Images that are mirrored left to right, flipped top to bottom, turned by 180 degrees, or smaller than stated."""
+    """Return the readings as images mirrored left to right, flipped top to bottom, turned by 180 degrees, or smaller."""
 
     def reading(code: str, read: Callable[[Lens, CameraObservations], View], share: float | None = None) -> Reading:
         return Reading(code, camera, float(np.log(SITES_WRONG[code] / n_cameras)), read, share=share)
@@ -70,7 +71,7 @@ def image_readings(camera: int, n_cameras: int, lens: Lens, seen: CameraObservat
 
 
 def late_clock(camera: int, n_cameras: int, late_s: float, fps: float, *, correctable: bool) -> Reading:
-    """A camera that shows the world so much later than its clock says."""
+    """Return the reading as a camera that shows the world `late_s` seconds later than its clock states."""
 
     def read(lens: Lens, seen: CameraObservations) -> View:
         name, steps = "camera", Clock(fps)
@@ -83,7 +84,7 @@ def late_clock(camera: int, n_cameras: int, late_s: float, fps: float, *, correc
 
 
 def mirrored(seen: CameraObservations, size: tuple[int, int]) -> CameraObservations:
-    """What a camera saw with left and right of its images of a size (width, height) exchanged."""
+    """Exchange left and right in a camera's observations, in images of a size (width, height)."""
     right = size[0] - 1.0
 
     def points(keypoints: Keypoints) -> Keypoints:
@@ -97,7 +98,7 @@ def mirrored(seen: CameraObservations, size: tuple[int, int]) -> CameraObservati
 
 
 def possible_share(seen: CameraObservations, size: tuple[int, int]) -> float | None:
-    """The smallest usual share of the image's size within which all people lie; None where they fill it."""
+    """Return the smallest share in `SUB_STREAMS` of the image's size that contains all people; None if they fill more."""
     extent = extents_of(seen.boxes if len(seen.boxes) else seen.keypoints)
     if len(extent) < FEWEST:
         return None
@@ -106,7 +107,7 @@ def possible_share(seen: CameraObservations, size: tuple[int, int]) -> float | N
 
 
 def smaller(lens: Lens, share: float) -> Lens:
-    """The lens for images of that share of the size."""
+    """Return the lens for images of this share of the size."""
     matrix = np.array(lens.matrix)
     matrix[:2] *= share
     return replace(lens, size=(round(share * lens.size[0]), round(share * lens.size[1])), matrix=matrix)

@@ -1,7 +1,7 @@
-"""One camera registered anew, from nothing, against the people that the other cameras place.
+"""Registration of one camera, without an initial pose, to the positions of people by the other cameras.
 
-Its people's heights level it, which gives a plan of where they stand; that plan is turned, moved and scaled onto the places by
-the others. From there a robust resection fits the lower and the upper end of each body.
+The heights of its people level the camera, which gives a plan of their positions. This plan is turned, moved and scaled onto
+the positions by the other cameras. From there, a robust resection fits the lower and the upper end of each body.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from passerby.people.resection import BEYOND, LOSS, fit_pose
 from passerby.people.segments import upright_segments
 
 MOST_ROWS = 200
-"""Observations that a camera is registered by, spread evenly."""
+"""Largest number of observations by which a camera is registered, evenly spread."""
 FEWEST = 30
 HEIGHT_SHARE = 0.15
-"""Standard deviation of a body's height in the image, as a share of it: stature, gait and what a box adds."""
+"""Relative standard deviation of a body's height in the image: stature, gait and errors of the box."""
 NEAR_M = 1.0
-"""Distance on the ground within which a plan agrees with a place by the other cameras."""
+"""Distance on the ground, metres, within which a plan agrees with a position by the other cameras."""
 MOST_SCALED = 2.0
-"""Factor on a plan's lengths: people are as tall as expected but for the scale of the rig."""
+"""Largest factor on a plan's lengths: people are as tall as expected, except for the scale of the rig."""
 WIDENING, STEPS = 16.0, 12
 
 
@@ -40,13 +40,13 @@ class SeenBodies(Columns):
     frame: Ints
     identity: Ints
     top: Floats
-    """(M, 3) unit rays, camera frame."""
+    """(M, 3) unit rays to the upper ends, camera frame."""
     bottom: Floats
-    """(M, 3)"""
+    """(M, 3) unit rays to the lower ends, camera frame."""
     top_tangent: Floats
-    """(M, 2, 3) pixels."""
+    """(M, 2, 3) tangents of these rays from `Lens.tangents`, pixels."""
     bottom_tangent: Floats
-    """(M, 2, 3)"""
+    """(M, 2, 3) likewise, pixels."""
     extent_px: Floats
     length_m: Floats
     """(M,) distance of the two ends of a body of usual height."""
@@ -54,7 +54,7 @@ class SeenBodies(Columns):
     """(M,) height of the lower end above the ground."""
 
     def with_places(self, people: TriangulatedPeople, later: int = 0) -> SeenPeople:
-        """Those whose people other cameras place, `later` time steps after the time of the observation."""
+        """Select the bodies of people whom other cameras place `later` time steps after the observation."""
         ids = max(int(each.max(initial=0)) for each in (self.identity, people.identity)) + 1
         at = rows_of_keys((self.frame + later) * ids + self.identity, people.instant * ids + people.identity)
         own = self.take(at >= 0)
@@ -68,23 +68,24 @@ class SeenPeople(SeenBodies):
     place: Floats
     """(M, 3) middle of the two ends by the other cameras, world, metres."""
     covariance: Floats
-    """(M, 3, 3)"""
+    """(M, 3, 3) covariance of `place`."""
 
     def __len__(self) -> int:
         return len(self.frame)
 
     def thinned(self) -> SeenPeople:
-        """`MOST_ROWS` of them at most."""
+        """Select `MOST_ROWS` of them at most, evenly spread."""
         return (
             self.take(np.unique(np.linspace(0, len(self) - 1, MOST_ROWS).astype(np.int64))) if len(self) > MOST_ROWS else self
         )
 
     def residuals(self, pose: Pose) -> tuple[Floats, Floats]:
-        """What a pose makes of them.
+        """Compute the residuals under a pose, and their derivatives.
 
         Returns:
             (M, 2, 2, 7) whitened residuals of the middle and of the vector from the upper to the lower end, two coordinates
-            each, and behind each its derivative by the pose; (M,) logarithm by which the places' covariance widens the first.
+            each; the last axis has the residual and its six derivatives by the pose. (M,) logarithm of the ratio of square
+            roots of determinants: of the middle's covariance with and without that of the places.
         """
         half = np.zeros_like(self.place)
         half[:, 2] = 0.5 * self.length_m
@@ -112,12 +113,12 @@ class SeenPeople(SeenBodies):
         return rows, np.log(root[:, 0, 0] * root[:, 1, 1] / own**2)
 
     def costs(self, pose: Pose) -> Floats:
-        """(M,) robust cost, nats."""
+        """Return the robust costs (M,) under a pose, nats."""
         rows, wider = self.residuals(pose)
         return np.asarray(0.5 * compute_cut_cauchy_cost((rows[..., 0] ** 2).sum(axis=2), LOSS, BEYOND).sum(axis=1) + wider)
 
     def fitted(self, start: Pose) -> Pose:
-        """The pose that they fit, near `start`."""
+        """Fit the pose, near `start`."""
         part = self.thinned()
         return fit_pose(start, lambda pose, wide: _Equations(*part._normal(pose, wide)), widening=WIDENING, steps=STEPS).pose
 
@@ -128,9 +129,9 @@ class SeenPeople(SeenBodies):
         return np.einsum("mkeu,mke->u", J, rows[..., 0]), np.einsum("mkeu,mkev->uv", J, rows[..., 1:])
 
     def anew(self, rng: np.random.Generator) -> Pose | None:
-        """The pose from nothing; None where no level, or no place of it, fits, or only one below the ground.
+        """Fit the pose without an initial one; None if no level or no position fits, or only one below the ground.
 
-        A camera that is as far below the middle of people as another one is above it sees nearly the same boxes, upside down.
+        A camera below the middle of people sees nearly the same boxes, upside down, as one that is as far above it.
         """
         part = self.thinned()
         if len(part) < FEWEST:
@@ -151,7 +152,7 @@ class SeenPeople(SeenBodies):
 
 
 def find_bodies(seen: CameraObservations, lens: Lens) -> SeenBodies:
-    """The bodies of people with identities."""
+    """Return the bodies of people with identities."""
     ends = upright_segments(seen, lens)
     ends = ends.take(ends.identity >= 0)
     top, bottom = lens.bearings(ends.top), lens.bearings(ends.bottom)
@@ -173,7 +174,7 @@ class _Equations:
 
 
 def _onto(plan: Floats, places: Floats) -> tuple[complex, complex] | None:
-    """The similarity `turn * plan + move` of the plane on which most points (N,) complex lie near their places."""
+    """Find the similarity `turn * plan + move` that brings most points (N,), complex, near their places; None if too few."""
     known = np.isfinite(plan)
     plan, places = plan[known], places[known]
     n, best, most = len(plan), None, FEWEST / 2
@@ -192,7 +193,7 @@ def _onto(plan: Floats, places: Floats) -> tuple[complex, complex] | None:
 
 
 def rows_of_keys(keys: Ints, among: Ints) -> Ints:
-    """(N,) the row of each key (N,) among others (K,), each there once; -1 where it is not there."""
+    """Return the row (N,) of each key (N,) in unique keys `among` (K,); -1 where it is not there."""
     if not len(among):
         return np.full(len(keys), -1)
     order = np.argsort(among, kind="stable")

@@ -1,7 +1,7 @@
-"""In which stretch of time does a camera differ from the rest of its recording? Candidates for `changes`, which compares them.
+"""Search for stretches of time in which a camera differs from the rest of its recording, as candidates for `changes`.
 
-Poses and focal lengths are fitted to windows of time. Of all pairs of them, and of all stretches, the one with the least robust
-cost is refined.
+Poses and focal lengths are fitted to windows of time. Of all pairs of these fits, and of all stretches, the combination with
+the least robust cost is refined.
 """
 
 from __future__ import annotations
@@ -32,30 +32,31 @@ from passerby.hypotheses.camera_path import (
 from passerby.hypotheses.correspondences import Correspondences
 
 WINDOWS, WINDOW_ROWS = 10, 24
-"""Windows of time at most, and observations in each at least."""
+"""Largest number of windows of time, and least number of observations in each."""
 ROUNDS, ROUNDS_WITHOUT = 4, 2
-"""Times that the path and its stretch are fitted by turns: with all observations, and from there without a fifth."""
+"""Number of times that the path and its stretch are fitted in turn: with all observations, and from there without a fifth."""
 FOCALS = np.linspace(-0.8, 0.8, 9)
-"""Logarithms of focal lengths from which a window's is sought."""
+"""Logarithms of the factors on the focal length from which a window's fit starts."""
 POORLY = 4.0
-"""Mean cost of an observation, nats, above which the pose of a window is searched for anew: 1.5 where all is well, 6 where
-no person fits."""
+"""Mean cost of an observation, nats, above which the pose of a window is searched for again. It is 1.5 if all is right, and 6
+if no person fits."""
 MOST_TRIED, LEAST_TOGETHER = 60, 6
-"""Pairs of a tracklet and a person that are tried in that search, and observations of each at least."""
+"""Largest number of pairs of a tracklet and a person in that search, and least number of observations of a pair."""
 SCREENED_SHIFT, SCREENED_SHARE = 0.02, 0.3
-"""Nothing is sought where one linear step moves no part of the recording by more than this share of a person's extent, about
-3 cm, and where the shares of observations that no person explains differ by less than this between windows."""
+"""No stretch is searched for under two conditions: one linear step moves no part of the recording by more than the first share
+of a person's extent, about 3 cm; and the share of observations that no person explains differs between windows by at most the
+second."""
 
 
 def windows_of(m: Correspondences) -> np.ndarray:
-    """(M,) window of time of each observation; windows have about equally many."""
+    """Return the window of time (M,) of each observation; the windows have about equal numbers of observations."""
     n = max(1, min(WINDOWS, len(m) // WINDOW_ROWS))
     inner = np.quantile(m.own.step, np.arange(1, n) / n)
     return np.asarray(np.searchsorted(inner, m.own.step))
 
 
 def is_suspicious(m: Correspondences, whole: CameraPath) -> bool:
-    """Whether parts of the time seem to fit another pose or focal length each: one linear step for each, from common sums."""
+    """Check whether parts of the time seem to have different poses or focal lengths, by one linear step for each part."""
     window = np.unique(windows_of(m), return_inverse=True)[1]
     n = int(window.max()) + 1
     unexplained = costs_along(m, whole) >= MOST_COST - 1e-9
@@ -73,7 +74,7 @@ def is_suspicious(m: Correspondences, whole: CameraPath) -> bool:
 
 
 def find_stretches(m: Correspondences, whole: CameraPath) -> list[CameraPath]:
-    """Paths with a stretch of time: the best one that begins or ends with the recording, and the best one in its middle."""
+    """Find paths with a stretch of time: the best stretch at an end of the recording, and the best one within it."""
     window = windows_of(m)
     views = [whole]
     for w in np.unique(window):
@@ -94,13 +95,13 @@ def find_stretches(m: Correspondences, whole: CameraPath) -> list[CameraPath]:
 def refine_stretch(
     m: Correspondences, path: CameraPath, parts: tuple[int, ...], *, held: Bools | None = None
 ) -> CameraPath | None:
-    """A path and its stretch, fitted by turns; None where all of the time falls to one pose.
+    """Fit a path and its stretch in turn; None if one pose fits all of the time best, or a part has too few observations.
 
     Args:
         m: the camera's observations with the people of their instants.
-        path: first path, with a stretch.
+        path: initial path, with a stretch.
         parts: columns of the change that are free.
-        held: (M,) observations that are not to be used, of those that the first path was fitted to.
+        held: (M,) whether an observation is held out; the initial path was fitted to all.
     """
     assert isinstance(path.times, Stretch)
     used = m if held is None else m.part(~held)
@@ -124,17 +125,17 @@ def refine_stretch(
 
 @dataclass(frozen=True)
 class BestStretch:
-    """Rows [first, last) that one view explains better than the view of the rest."""
+    """Rows [first, last) that view `other` explains better than `main`, which explains the rest."""
 
     main: int
     other: int
     first: int
     last: int
     count: int
-    """Of all rows."""
+    """Number of all rows."""
 
     def stretch_of(self, m: Correspondences) -> Stretch:
-        """As times."""
+        """Return the stretch as times."""
         t = m.own.step
         return Stretch(
             float(t[self.first]) if self.first > 0 else -np.inf, float(t[self.last - 1]) if self.last < self.count else np.inf
@@ -142,12 +143,12 @@ class BestStretch:
 
 
 def best_stretch(costs: Floats, *, middle: bool, swap: bool = True) -> BestStretch | None:
-    """Which view explains a stretch and which the rest, with the least cost; None where one view explains all.
+    """Find the stretch, its view and the view of the rest with the least cost; None if one view explains all best.
 
     Args:
-        costs: (views, M) in the order of time.
+        costs: (views, M) costs of the observations by each view, in the order of time.
         middle: whether the stretch lies within the recording; else it begins or ends with it.
-        swap: whether any two views may be exchanged; else the first one is that of the rest.
+        swap: whether any two views are tried; else the first view is that of the rest and the second that of the stretch.
     """
     n, count = costs.shape
     best: tuple[float, BestStretch | None] = (float(costs.sum(axis=1).min()) - 1e-9, None)
@@ -172,7 +173,7 @@ def best_stretch(costs: Floats, *, middle: bool, swap: bool = True) -> BestStret
 
 
 def _views_of(part: Correspondences, views: list[CameraPath]) -> list[CameraPath]:
-    """Cameras that a window's observations fit."""
+    """Fit poses and focal lengths to a window's observations."""
     if len(part) < WINDOW_ROWS // 2:
         return []
     whole = views[0]
@@ -187,7 +188,7 @@ def _views_of(part: Correspondences, views: list[CameraPath]) -> list[CameraPath
 
 
 def _searched(part: Correspondences, start: CameraPath) -> list[CameraPath]:
-    """Cameras by trying each of the camera's tracklets as each of the people: its rays are turned onto the person's places."""
+    """Search for poses by taking each tracklet for each of the people: its rays are turned onto the person's positions."""
     known = part.own.identity[part.row] >= 0
     key = np.column_stack([part.own.identity[part.row], part.people.identity[part.person]])
     _, number, count = np.unique(key[known], axis=0, return_inverse=True, return_counts=True)
@@ -200,7 +201,7 @@ def _searched(part: Correspondences, start: CameraPath) -> list[CameraPath]:
         if count[k] < LEAST_TOGETHER:
             break
         own = number == k
-        # The old pose breaks the tie where all rays are alike: as much as a tenth of the observations would.
+        # The old pose decides if all rays are parallel; it has the weight of a tenth of the observations.
         B = ray[own].T @ reach[own] + 0.1 * count[k] * pose.R_cw
         u, _, vt = np.linalg.svd(B)
         turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
@@ -211,7 +212,7 @@ def _searched(part: Correspondences, start: CameraPath) -> list[CameraPath]:
 
 
 def _between(main: CameraPath, other: CameraPath, stretch: Stretch) -> CameraPath:
-    """One camera during a stretch, another one for the rest of the time."""
+    """Return the path with one camera state during a stretch, and another for the rest of the time."""
     change = np.zeros((1, len(PRIOR_SD)))
     change[0, TURN] = log_rotation(other.pose.R_cw @ main.pose.R_cw.T)
     change[0, SHIFT] = other.pose.centre - main.pose.centre
@@ -220,5 +221,5 @@ def _between(main: CameraPath, other: CameraPath, stretch: Stretch) -> CameraPat
 
 
 def _alike(m: Correspondences, one: CameraPath, other: CameraPath) -> bool:
-    """Whether two stretches hold the same observations."""
+    """Check whether two stretches contain the same observations."""
     return bool((one.times.at(m.own.step) == other.times.at(m.own.step)).all())

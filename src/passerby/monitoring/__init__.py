@@ -1,4 +1,4 @@
-"""A rig in use: which cameras have moved since it was calibrated.
+"""Monitoring of a rig in use: it finds the cameras that have moved since the calibration.
 
-Stands beside `calibration` and does not know it.
+It is on the level of `calibration`, and does not import it.
 """

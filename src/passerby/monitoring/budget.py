@@ -1,7 +1,7 @@
-"""How much of the footage is used, so that the work stays within a budget of processor time.
+"""Choice of a part of the footage, so that the work stays within a budget of processor time.
 
-The time is predicted from how many boxes there are, never measured while it runs: the same footage is thinned alike on every
-computer. What detecting people in videos takes is not in it.
+The time is predicted from the number of boxes, and never measured during the run: the same footage is thinned alike on every
+computer. The detection of people in videos is not included.
 """
 
 from __future__ import annotations
@@ -19,37 +19,39 @@ from passerby.monitoring.watching import joints_are_frequent
 from passerby.people.sightings import EVERY_S
 
 SITE_BUDGET_S = 1.0
-"""Of a rig of many cameras, where the user states none: 1,000 cameras that record all the time then need some 17 cores at most.
-Boxes of five people at once, five times a second, are not thinned then."""
+"""Default budget for a rig of many cameras, processor seconds for each camera and minute: 1,000 cameras that record all the
+time then need some 17 cores at most. Boxes of five people at once, five times a second, are then not thinned."""
 READ_S, TRACK_S, BODY_S = 2e-5, 1.9e-4, 3.4e-4
-"""What a box takes: to be read and checked, to be put into a tracklet and compared with those of the neighbours, and, of those
-at the instants that are tested, to be tested. Measured on airports of 24 and 50 cameras (seeds 821 and 810, three and two
-minutes, 5 frames a second, 2 % noise) while other work ran beside; `benchmarks/sites/monitoring.py` measures more."""
+"""Processor time for a box, seconds: to read and check it; to put it into a tracklet and compare it with those of the
+neighbours; and, at the instants that are tested, to test it. Measured on airports of 24 and 50 cameras (seeds 821 and 810,
+three and two minutes, 5 frames a second, 2 % noise) while other work ran in parallel; `benchmarks/sites/monitoring.py` measures
+more."""
 ADJUST_S = 3.2
-"""What adjusting a camera and its partners to the keypoints of one window takes: 0.4 s for each of eight cameras."""
+"""Processor time to adjust a camera and its partners to the keypoints of one window: 0.4 s for each of eight cameras."""
 SPACINGS_S = (0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
-"""Time between samples: more than a second apart, people can no longer be followed. Then whole windows are left out."""
+"""Times between samples that are tried. With more than a second, people can no longer be followed: whole windows are left out
+instead."""
 MOST_LEFT_OUT = 1000
 
 
 @dataclass(frozen=True)
 class Thinning:
-    """What of the footage is used."""
+    """The part of the footage that is used."""
 
     every_s: float = 0.0
-    """Samples nearer to the one before are left out; 0: none."""
+    """Least time between samples, seconds; 0: all are used."""
     one_window_in: int = 1
-    """Of so many windows one is used."""
+    """One window in this number is used."""
     predicted_s: float = 0.0
-    """Processor time that this takes for each camera and minute of recording, seconds, as predicted."""
+    """Predicted processor time for each camera and minute of recording, seconds."""
 
     @property
     def is_thinned(self) -> bool:
-        """Whether anything is left out."""
+        """Whether any footage is left out."""
         return self.every_s > 0 or self.one_window_in > 1
 
     def finding(self, budget_s: float) -> Finding:
-        """The notice that something is left out."""
+        """Return the notice that footage is left out."""
         return notice(
             "monitoring_thinned", budget_s=budget_s, predicted_s=self.predicted_s, every_s=self.every_s,
             one_window_in=self.one_window_in,
@@ -57,10 +59,10 @@ class Thinning:
 
 
 def plan_thinning(observations: Observations, options: WatchOptions, budget_s: float) -> Thinning:
-    """The least thinning that stays within a budget, or else the strongest there is.
+    """Find the least thinning that stays within a budget, or else the strongest one.
 
     Args:
-        observations: of the cameras that are watched, with a clock for each.
+        observations: observations of the cameras to test, with a clock for each.
         options: see `WatchOptions`.
         budget_s: processor seconds for each camera and minute of recording.
     """
@@ -68,7 +70,7 @@ def plan_thinning(observations: Observations, options: WatchOptions, budget_s: f
     minutes = sum(one.minutes for one in footage)
     if minutes <= 0:
         return Thinning()
-    # The windows of rigs with keypoints are adjusted.
+    # For rigs with keypoints, an adjustment in each window is added.
     tests = minutes * STEPS * 60.0 / options.every_s * ADJUST_S if joints_are_frequent(observations) else 0.0
     reading = sum(one.rows for one in footage) * READ_S
     found = Thinning()
@@ -83,12 +85,12 @@ def plan_thinning(observations: Observations, options: WatchOptions, budget_s: f
 
 
 def thin(observations: Observations, thinning: Thinning, window_s: float) -> Observations:
-    """The observations that are used.
+    """Select the observations that are used.
 
     Args:
-        observations: with a clock for each camera.
-        thinning: what is left out.
-        window_s: length of a window, seconds; the first one begins when anybody is first seen.
+        observations: observations with a clock for each camera.
+        thinning: from `plan_thinning`.
+        window_s: length of a window, seconds; the first one begins when a person is first seen.
     """
     starts = [
         float(observations.clocks[name].seconds(frames.min()))
@@ -114,12 +116,12 @@ def thin(observations: Observations, thinning: Thinning, window_s: float) -> Obs
 
 @dataclass(frozen=True)
 class _Footage:
-    """How much there is of one camera."""
+    """Amount of one camera's observations."""
 
     rows: int
     minutes: float
     spacing_s: float
-    """Time between its samples."""
+    """Time between its samples, seconds."""
 
     @classmethod
     def of(cls, seen: CameraObservations, clock: Clock) -> _Footage:
@@ -129,17 +131,17 @@ class _Footage:
         return cls(len(frames), float(np.ptp(frames)) / clock.fps / 60, sampling_distance(frames) / clock.fps)
 
     def work_s(self, every_s: float) -> float:
-        """What following and testing its people takes, if samples are so far apart."""
+        """Return the processor time to follow and test its people with samples `every_s` apart, seconds."""
         spacing_s = self.spacing_s * _samples_in(every_s, self.spacing_s)
         used = self.rows * self.spacing_s / spacing_s
         return used * TRACK_S + used * min(1.0, spacing_s / EVERY_S) * BODY_S
 
 
 def _frames(seen: CameraObservations) -> Ints:
-    """(N,) of its boxes or, without any, of its keypoints."""
+    """Return the frames (N,) of a camera's boxes or, without any, of its keypoints."""
     return seen.boxes.frame if len(seen.boxes) else seen.keypoints.frame
 
 
 def _samples_in(every_s: float, spacing_s: float) -> int:
-    """Every how many-th sample is used."""
+    """Return n for which every n-th sample is used."""
     return max(1, int(np.floor(every_s / spacing_s + 1e-6)))

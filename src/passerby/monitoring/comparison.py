@@ -1,8 +1,8 @@
-"""A rig compared with another estimate of it: which cameras have another pose relative to the others than before.
+"""Comparison of a rig with another estimate of it, to find the cameras whose pose relative to the others has changed.
 
-Two estimates of a rig compare up to a similarity. It is sought together with the cameras that have moved: those are the ones
-without which all the rest fits, at the least cost. A camera that was turned stays in its place as a rule, so that turning costs
-three unknowns, and moving altogether six; where most cameras have been turned, their places still say which.
+Two estimates of a rig are compared up to a similarity. The similarity and the cameras that have moved are found together: these
+are the cameras without which all the rest fits, at the least cost. A camera that was turned usually stays in its place, so that
+a turn costs three unknowns, and a full move six. If most cameras have been turned, their places still show which ones.
 """
 
 from __future__ import annotations
@@ -20,45 +20,47 @@ from passerby.monitoring.evidence import POWER, TAILS, MotionTest, limit_of, sco
 from passerby.solver.gauge import SCALE, TILT_X, similarity_moves
 
 FEWEST_STRETCHES = 2
-"""Of a camera, below which it is left out."""
+"""Least number of stretches of a camera; a camera with fewer is left out."""
 MARGIN = 9.2
-"""Twice the logarithm of how many times more likely an explanation is than one without the camera that it names: 100 times."""
+"""Difference of costs below which an explanation without a camera's move remains possible: twice the logarithm of a likelihood
+ratio of 100."""
 EXHAUSTIVE = 729
-"""Explanations that are all tried: six cameras. Of larger rigs the most likely ones are built on."""
+"""Number of explanations up to which all are tried: six cameras. For larger rigs the most likely ones are extended step by
+step."""
 BEAM = 40
-"""Explanations of each size that are built on."""
+"""Number of explanations of each size that are extended."""
 ALIGNMENTS = 3
-"""Times that the similarity is sought anew: it is found to first order."""
+"""Number of times that the similarity is found again, since each time it is found to first order."""
 
 BY_CHANCE, LEAST_SHARE = 0.05, 0.2
-"""How often a rig's sigmas are taken for too small by chance, and the least share of them: 1 cm and 0.06 degrees in each
-direction where none are stated."""
+"""Probability that a rig's sigmas are reduced too much by chance, and the least share of them that is used: 1 cm and 0.06
+degrees in each direction if none are stated."""
 
 RIDGE = 1e-10
-"""Added to unit diagonals: it holds unknowns that nothing fixes, as where too many cameras are free."""
+"""Added to unit diagonals: it fixes undetermined unknowns, such as those of too many free cameras."""
 
 STILL, TURNED, MOVED = 0, 1, 2
 _FREED = {STILL: np.zeros(0, np.int64), TURNED: np.arange(3, 6), MOVED: np.arange(6)}
-"""Which of a camera's six unknowns are free: centre, then rotation vector."""
+"""The free ones of a camera's six unknowns: centre, then rotation vector."""
 
 Explanation = tuple[int, ...]
-"""What became of each camera."""
+"""The state of each camera: `STILL`, `TURNED` or `MOVED`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Where C of a rig's cameras are by footage, up to a similarity."""
+    """Poses of C of a rig's cameras by footage, up to a similarity."""
 
     cameras: Ints
-    """(C,) numbers of the rig's cameras."""
+    """(C,) indices of the cameras in the rig."""
     R: Floats
     """(C, 3, 3) world to camera."""
     centre: Floats
-    """(C, 3)"""
+    """(C, 3) metres."""
     covariance: Floats
-    """(6 C, 6 C) after the best similarity: centre, then rotation vector in the camera's frame."""
+    """(6 C, 6 C) covariance after the best similarity: centre, then rotation vector in the camera's frame."""
     stretches: Ints
-    """(C,) people over some seconds that each camera uses."""
+    """(C,) number of stretches (one person over some seconds) of each camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,38 +72,38 @@ class Displacement:
     others: tuple[int, ...]
     """Cameras that may have moved instead."""
     pose: Pose
-    """The new one, beside the poses of the others in the rig."""
+    """The new pose, relative to the poses of the others in the rig."""
     pose_covariance: Floats
-    """(6, 6) of it: what the footage and the poses of the others leave open."""
+    """(6, 6) covariance of the new pose, from the footage and the poses of the others."""
     shift: Floats
-    """(6,) from where the camera was before,"""
+    """(6,) change from the earlier pose."""
     covariance: Floats
-    """(6, 6) and its covariance."""
+    """(6, 6) covariance of `shift`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What came of it."""
+    """Result of a comparison."""
 
     tests: tuple[MotionTest, ...]
-    """Of each camera of the rig."""
+    """Test of each camera of the rig."""
     moved: tuple[Displacement, ...]
     shift: Floats
-    """(6 C,) of all cameras of the rig, from their poses in it, after the best similarity of those that stood still,"""
+    """(6 C,) changes of all cameras from their poses in the rig, after the best similarity of those at rest."""
     information: Floats
-    """(6 C, 6 C) and its information; nothing along similarities and about cameras that were left out."""
+    """(6 C, 6 C) information on `shift`; 0 along similarities and for cameras that were left out."""
 
 
 def compare(
     R: Floats, centre: Floats, before: tuple[Floats, Floats], estimate: Estimate, threshold: float
 ) -> Comparison:  # fmt: skip
-    """Hold a rig against an estimate.
+    """Compare a rig with an estimate.
 
     Args:
         R: (C, 3, 3) the rig's rotations, world to camera.
-        centre: (C, 3) and centres.
-        before: (6 C,) where the cameras seemed to be so far, relative to the rig's poses, and the covariance (6 C, 6 C).
-        estimate: of two of its cameras or more.
+        centre: (C, 3) the rig's centres, metres.
+        before: (6 C,) changes of the cameras so far, relative to the rig's poses, and their covariance (6 C, 6 C).
+        estimate: estimate of two or more of its cameras.
         threshold: score from which a camera has moved.
     """
     fit = _Fit(R[estimate.cameras], centre[estimate.cameras], before, estimate, threshold)
@@ -125,16 +127,17 @@ def compare(
 
 
 def sigma_share(centre: Floats, covariance: Floats, estimate: Estimate) -> float:
-    """What share of a rig's sigmas its errors are at most, by how well the places of its cameras fit an estimate.
+    """Return an upper limit of a rig's errors, as a share of its sigmas, by the fit of its cameras' places to an estimate.
 
-    Stated sigmas hold what all cameras have in common, scale and vertical, which a similarity takes away; where none are stated
-    wide ones are assumed. Cameras that are turned stay in their places, and a rig whose places are good has good rotations. So
-    the places' misfit measures the rig: the share is the largest at which so small a misfit is no rarer than `BY_CHANCE`.
+    Stated sigmas include the common errors of all cameras, scale and vertical, which a similarity removes. If none are stated,
+    wide ones are assumed. Cameras that are turned stay in their places, and a rig with accurate places has accurate rotations.
+    So the misfit of the places measures the rig: the share is the largest at which such a small misfit has a probability of at
+    least `BY_CHANCE`.
 
     Args:
-        centre: (C, 3) of the rig's cameras, metres.
-        covariance: (6 C, 6 C) of their poses, by the whole sigmas.
-        estimate: of some of them; fewer than three say nothing.
+        centre: (C, 3) centres of the rig's cameras, metres.
+        covariance: (6 C, 6 C) covariance of their poses, by the whole sigmas.
+        estimate: estimate of some of them; with fewer than three the share is 1.
     """
     n = len(estimate.cameras)
     if n < 3:
@@ -155,12 +158,12 @@ def sigma_share(centre: Floats, covariance: Floats, estimate: Estimate) -> float
 
 
 def untestable(camera: int) -> MotionTest:
-    """Of a camera of which nothing can be said."""
+    """Return the test of a camera without evidence."""
     return MotionTest(camera, 0.0, 0, np.zeros(6), (np.inf, np.inf), (np.inf, np.inf))
 
 
 class _Fit:
-    """The differences of C cameras, and how well explanations fit them."""
+    """The differences of C cameras, and the fits of explanations to them."""
 
     def __init__(self, R: Floats, centre: Floats, before: tuple[Floats, Floats], estimate: Estimate, threshold: float) -> None:
         self.R, self.centre, self.estimate, self.threshold = R, centre, estimate, threshold
@@ -173,22 +176,22 @@ class _Fit:
         self._prepare()
 
     def _share(self) -> Floats:
-        """(C,) share of the footage in the variance of each camera's difference, the mean over its six directions.
+        """Return the share (C,) of the footage in the variance of each camera's difference, the mean over its six directions.
 
-        However well an adjustment knows its own noise, a few stretches of people have longer tails than a normal variable;
-        what was known before has not. The degrees of freedom of the sum of both grow with the square of the share's inverse
-        (Satterthwaite 1946, *Biometrics Bulletin* 2).
+        A few stretches of people have longer tails than a normal variable, also if the noise is well known; the earlier
+        knowledge has not. The degrees of freedom of the sum of both grow with the square of the share's inverse (Satterthwaite
+        1946, *Biometrics Bulletin* 2).
         """
         at = [slice(6 * k, 6 * k + 6) for k in range(len(self.R))]
         whole = self.seen_covariance + self.before_covariance
         return np.array([np.trace(np.linalg.solve(whole[own, own], self.seen_covariance[own, own])) / 6 for own in at])
 
     def _prepare(self) -> None:
-        """Differences and normal equations about the estimate as it is placed now."""
+        """Compute the differences and the normal equations for the present alignment of the estimate."""
         turned = [log_rotation(seen @ own.T) for seen, own in zip(self.seen_R, self.R, strict=True)]
         self.difference: Floats = np.column_stack([self.seen_centre - self.centre, turned]).ravel()
         covariance = self.seen_covariance + self.before_covariance
-        # The covariance knows nothing along similarities: they are free anyhow.
+        # The covariance is not defined along similarities: a wide variance leaves them free.
         widest = np.trace(covariance) / np.einsum("ij,ij->j", self.moves, self.moves)
         self.weight = np.linalg.inv(covariance + (self.moves * widest) @ self.moves.T)
         design = np.concatenate([self.moves, np.eye(len(self.moves))], axis=1)
@@ -197,7 +200,7 @@ class _Fit:
         self.total = float((self.difference - self.before) @ self.weight @ (self.difference - self.before))
 
     def align(self, explanation: Explanation) -> None:
-        """Place the estimate on the rig's cameras that stood still."""
+        """Align the estimate with the rig's cameras that did not move."""
         for _ in range(ALIGNMENTS):
             step = self._solve_unknowns(self._columns(explanation))[:7]
             turn, scale = exp_rotation(step[TILT_X:SCALE]), float(np.exp(step[SCALE]))
@@ -210,27 +213,27 @@ class _Fit:
             self._prepare()
 
     def _columns(self, explanation: Explanation) -> Ints:
-        """Unknowns of an explanation: the similarity's seven, and those of the cameras that are free."""
+        """Return the indices of an explanation's unknowns: seven of the similarity, and the free ones of the cameras."""
         return np.concatenate([np.arange(7), *(7 + 6 * k + _FREED[what] for k, what in enumerate(explanation))])
 
     def _solve_unknowns(self, columns: Ints) -> Floats:
-        """The unknowns that fit best; of those that nothing fixes the smallest."""
+        """Solve for the unknowns that fit best; undetermined ones get the smallest values."""
         normal = self.normal[np.ix_(columns, columns)]
         unit = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         whole = normal * unit[:, None] * unit + RIDGE * np.eye(len(columns))
         return np.asarray(unit * np.linalg.solve(whole, unit * self.right[columns]))
 
     def misfit(self, explanation: Explanation) -> float:
-        """Squared length of what an explanation leaves over."""
+        """Return the squared residual of an explanation."""
         columns = self._columns(explanation)
         return self.total - float(self.right[columns] @ self._solve_unknowns(columns))
 
     def _limit(self, k: int, what: int) -> float:
-        """What a camera's freedom must gain."""
+        """Return the least gain at which a camera is taken as turned or moved; 0 for a camera at rest."""
         return limit_of(self.threshold, float(self.freedom[k]), len(_FREED[what])) if what else 0.0
 
     def explanations(self) -> dict[Explanation, float]:
-        """Explanations and their costs: what they leave over, and what each freed camera must gain at least."""
+        """Return explanations and their costs: the squared residual, plus the least gain of each freed camera."""
         n = len(self.R)
         limit = [[self._limit(k, what) for what in (STILL, TURNED, MOVED)] for k in range(n)]
 
@@ -253,14 +256,14 @@ class _Fit:
         return costs
 
     def shape_information(self) -> Floats:
-        """(6 C, 6 C) what the estimate alone says, similarities aside."""
+        """Return the information (6 C, 6 C) of the estimate alone, without similarities."""
         widest = np.trace(self.seen_covariance) / np.einsum("ij,ij->j", self.moves, self.moves)
         weight = np.linalg.inv(self.seen_covariance + (self.moves * widest) @ self.moves.T + 1e-12 * np.eye(len(self.moves)))
         along = weight @ self.moves
         return np.asarray(weight - along @ np.linalg.solve(self.moves.T @ along, along.T))
 
     def test(self, best: Explanation, k: int) -> MotionTest:
-        """One camera's, the others as explained."""
+        """Test one camera, with the others as in the best explanation."""
         camera, stretches = int(self.estimate.cameras[k]), int(self.estimate.stretches[k])
         still, turned, moved = (self.misfit((*best[:k], what, *best[k + 1 :])) for what in (STILL, TURNED, MOVED))
         freedom = float(self.freedom[k])
@@ -278,7 +281,7 @@ class _Fit:
         return MotionTest(camera, score, stretches, found[at : at + 6], metres, degrees)
 
     def _find_detection_limit(self, power: Floats, k: int, what: int) -> tuple[float, float]:
-        """What is seen in 95 % of the cases along the middle one of three directions, and along the worst one."""
+        """Return the change noticed in 95 % of the cases along the middle one of three directions, and along the worst one."""
         needed = (np.sqrt(self._limit(k, what)) + POWER) ** 2
         values = np.linalg.eigvalsh(power)
         floor = 1e-9 * max(values[-1], 1e-300)
@@ -286,13 +289,13 @@ class _Fit:
         return middle, worst
 
     def displacement(self, best: Explanation, k: int, score: float, costs: dict[Explanation, float]) -> Displacement:
-        """How far a camera moved, and what else may have happened."""
+        """Return the displacement of a camera, and the cameras that may have moved instead."""
         least = costs[best]
         without = {one: cost for one, cost in costs.items() if one[k] == STILL and cost < least + MARGIN}
         rivals = sorted(
             {int(self.estimate.cameras[j]) for one in without for j, what in enumerate(one) if what and not best[j]}
         )
-        # Where a camera was turned its place says where the others are; how far it went itself is asked without that.
+        # The place of a turned camera helps to align the others, but its own displacement is estimated with a free place.
         free = (*best[:k], MOVED, *best[k + 1 :])
         columns = self._columns(free)
         at = 7 + sum(len(_FREED[what]) for what in best[:k])

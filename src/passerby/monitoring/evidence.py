@@ -1,4 +1,4 @@
-"""What one window of time says: has a camera moved, measured against the rig and against all that was seen before."""
+"""Test of the cameras for motion in one window of time, relative to the rig and to all earlier footage."""
 
 from __future__ import annotations
 
@@ -17,67 +17,67 @@ from passerby.people.scores import Scores, cluster_scores
 from passerby.people.sightings import Sightings, poses_of
 
 MODEL_M, MODEL_DEG = 0.01, 0.05
-"""One sigma in each direction by which people seem to move a camera that stands still: added to the rig's own sigmas."""
+"""One sigma in each direction by which people seem to move a camera at rest: added to the rig's own sigmas."""
 UNKNOWN_M, UNKNOWN_DEG = 0.05, 0.3
-"""The same of a rig that states no sigmas."""
+"""One sigma in each direction of a rig that states no sigmas."""
 CLEAR_DEG, CLEAR_M = 3.0, 0.5
-"""Where a move in a usual direction must be larger than either to be seen, nothing is said of a camera."""
+"""If only larger moves in a usual direction would be noticed, there is no result for a camera."""
 POWER = 1.645
-"""Of a move that is seen in 95 % of the cases: so many sigmas above the threshold."""
+"""Distance above the threshold, in sigmas, of a move that is noticed in 95 % of the cases."""
 LOUD, LESS = 0.1, 2.0
-"""Of a window's stretches, without which the score must still come within so much of the threshold. In 24 quiet hours the
-largest score of all but one was 3.7; it was 7.1 in one where a person was half hidden for some seconds."""
+"""Share of a window's stretches, without which the score may be lower than the threshold by `LESS` at most. In 24 quiet hours
+the largest score of all but one was 3.7; it was 7.1 in one where a person was half hidden for some seconds."""
 TAILS = 3.0
-"""Degrees of freedom of the statistic for each stretch in the window, at most."""
+"""Largest number of degrees of freedom of the statistic for each stretch in the window."""
 POOLED = 150.0
-"""Clusters of earlier windows that count, at most: scatter changes with the people."""
+"""Largest weight of earlier windows, as a number of clusters: the scatter changes with the people."""
 GRID_S = 1.0
 INFLATION = 6.0
-"""Scores of neighbouring seconds are alike: a gain in likelihood counts for so much less than it says."""
+"""Divisor of gains in likelihood, since the scores of neighbouring seconds are correlated."""
 WORSE = 4.0
-"""Twice the loss in likelihood up to which a moment may be the right one: about 95 % of the cases."""
+"""A time may be the right one if twice its loss in log likelihood is at most this: about 95 % of the cases."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionTest:
-    """One camera in one window."""
+    """Test of one camera in one window."""
 
     camera: int
     score: float
-    """Minus the decimal logarithm of how likely so much is where nothing moved; 0 if unknown."""
+    """Minus the decimal logarithm of the probability of such a large statistic without a move; 0 if unknown."""
     clusters: int
     shift: Floats
     """(6,) the move that fits best, to first order."""
     smallest_m: tuple[float, float]
-    """The shift that is seen in 95 % of the cases, in the middle one of three directions at right angles and in the worst one;
-    infinite if unknown."""
+    """Shift that is noticed in 95 % of the cases, metres, along the middle one of three directions at right angles and along
+    the worst one; infinite if unknown."""
     smallest_deg: tuple[float, float]
-    """The turn that is, about the middle one of three axes and about the worst one."""
+    """Turn that is noticed in 95 % of the cases, about the middle one of three axes and about the worst one."""
     scatter: Floats = field(default_factory=lambda: np.zeros((6, 6)))
-    """(6, 6) how the clusters scattered, summed; unit matrix times `clusters` where they err as stated."""
+    """(6, 6) sum of the clusters' whitened scatter; `clusters` times the unit matrix if their errors are as stated."""
 
     @property
     def is_clear(self) -> bool:
-        """Whether something can be said of the camera."""
+        """Whether the test is sensitive enough for a result (`CLEAR_M`, `CLEAR_DEG`)."""
         return self.smallest_m[0] <= CLEAR_M and self.smallest_deg[0] <= CLEAR_DEG
 
 
 @dataclass(frozen=True, eq=False)
 class Baseline:
-    """What is known of C cameras before a window: where they seem to be, relative to the rig's poses, and the usual scatter."""
+    """Knowledge of C cameras before a window: shifts of their poses from those of the rig, and the usual scatter."""
 
     information: Floats
-    """(6 C, 6 C)"""
+    """(6 C, 6 C) information on the shifts."""
     gradient: Floats
-    """(6 C,)"""
+    """(6 C,) information times the shifts."""
     scatter: Floats
-    """(C, 6, 6) sums of whitened scatter,"""
+    """(C, 6, 6) sums of whitened scatter."""
     clusters: Floats
-    """(C,) and of how many clusters."""
+    """(C,) number of clusters in these sums."""
 
     @classmethod
     def of_rig(cls, rig: Rig, names: Sequence[str], share: float = 1.0) -> Baseline:
-        """Nothing seen so far: that share of the rig's own sigmas, and what people add."""
+        """Return the baseline before any footage: a share of the rig's own sigmas, and `model_covariance`."""
         n = len(names)
         information = np.zeros((6 * n, 6 * n))
         for index, name in enumerate(names):
@@ -86,12 +86,12 @@ class Baseline:
         return cls(information, np.zeros(6 * n), np.zeros((n, 6, 6)), np.zeros(n))
 
     def estimate(self) -> tuple[Floats, Floats]:
-        """(6 C,) shifts and (6 C, 6 C) covariance."""
+        """Return the shifts (6 C,) and their covariance (6 C, 6 C)."""
         covariance: Floats = np.asarray(np.linalg.inv(self.information), dtype=np.float64)
         return covariance @ self.gradient, covariance
 
     def with_quiet(self, scores: Scores) -> Baseline:
-        """With clusters of quiet time."""
+        """Add the information of clusters of quiet time."""
         if not len(scores):
             return self
         inflation = self._inflation()
@@ -101,16 +101,16 @@ class Baseline:
         )  # fmt: skip
 
     def with_estimate(self, shift: Floats, information: Floats) -> Baseline:
-        """With where the cameras seemed to be in quiet time: (6 C,) shifts and their information (6 C, 6 C)."""
+        """Add an estimate of the cameras in quiet time: shifts (6 C,) and their information (6 C, 6 C)."""
         return replace(self, information=self.information + information, gradient=self.gradient + information @ shift)
 
     def _inflation(self) -> float:
-        """How much more the scores scatter than stated, over all directions and cameras; to begin with, as usual."""
+        """Return the ratio of the scores' variance to the stated one, over all directions and cameras; with a usual prior."""
         total = float(np.trace(self.scatter, axis1=1, axis2=2).sum()) + 6 * 30 * 4.0
         return max(1.0, total / (6 * (float(self.clusters.sum()) + 30)))
 
     def with_scatter(self, tests: Sequence[MotionTest]) -> Baseline:
-        """With the scatter of a quiet window."""
+        """Add the scatter of a quiet window."""
         scatter, clusters = self.scatter.copy(), self.clusters.copy()
         for test in tests:
             scatter[test.camera] += test.scatter
@@ -119,7 +119,7 @@ class Baseline:
         return Baseline(self.information, self.gradient, scatter * shrink[:, None, None], clusters * shrink)
 
     def replaced(self, camera: int, covariance: Floats) -> Baseline:
-        """After a camera was given a new pose with a covariance (6, 6): what was known of its old one is forgotten."""
+        """Replace the knowledge of a camera's old pose by a new pose with a covariance (6, 6)."""
         own = np.arange(6 * camera, 6 * camera + 6)
         rest = np.setdiff1d(np.arange(len(self.gradient)), own)
         information, gradient = np.zeros_like(self.information), np.zeros_like(self.gradient)
@@ -132,7 +132,7 @@ class Baseline:
 
 
 def rig_covariance_of(rig: Rig, name: str, share: float = 1.0) -> Floats:
-    """(6, 6) covariance of a rig's camera: its own sigmas, or a share of them, and what people add."""
+    """Return the covariance (6, 6) of a rig's camera: its own sigmas, or a share of them, and `model_covariance`."""
     sigma = rig[name].sigma
     if sigma is None or not np.isfinite(sigma.position_m + sigma.orientation_deg):
         known = np.diag(np.repeat([UNKNOWN_M**2, np.radians(UNKNOWN_DEG) ** 2], 3))
@@ -144,20 +144,21 @@ def rig_covariance_of(rig: Rig, name: str, share: float = 1.0) -> Floats:
 
 
 def model_covariance() -> Floats:
-    """(6, 6) covariance of what people seem to move a camera by."""
+    """Return the covariance (6, 6) of the shift by which people seem to move a camera at rest."""
     return np.diag(np.repeat([MODEL_M**2, np.radians(MODEL_DEG) ** 2], 3))
 
 
 def run_motion_tests(window: Scores, baseline: Baseline, freed: Sequence[int], threshold: float) -> list[MotionTest]:
-    """Each camera's test that is not freed.
+    """Test each camera that is not freed.
 
-    A camera is tested by how far the people ask it to go, given the others; what is not known of the others counts as noise.
+    The statistic is the shift that the people give the camera, with the others fixed. The uncertainty of the others is added
+    to the noise.
 
     Args:
-        window: clusters.
-        baseline: what was known before.
-        freed: cameras that have moved anyhow: wherever they fit best, they say nothing of the others.
-        threshold: of the score; what would be seen depends on it.
+        window: clusters of the window.
+        baseline: knowledge before the window.
+        freed: cameras that have moved in any case: their poses are fitted, so that they give no evidence on the others.
+        threshold: threshold of the score, on which the smallest noticed move depends.
     """
     shift, covariance = baseline.estimate()
     information = window.information.sum(axis=0)
@@ -180,7 +181,7 @@ def _test(
     window: Scores, baseline: Baseline, camera: int, information: Floats, gradient: Floats, covariance: Floats,
     free: NDArray[np.int64], cross: Floats, threshold: float,
 ) -> MotionTest:  # fmt: skip
-    """One camera's."""
+    """Test one camera."""
     own = np.arange(6 * camera, 6 * camera + 6)
     rows = np.flatnonzero(_find_shared_clusters(window, camera, free))
     nothing = MotionTest(camera, 0.0, len(rows), np.zeros(6), (np.inf, np.inf), (np.inf, np.inf))
@@ -198,11 +199,11 @@ def _test(
     noise, freedom, scatter = cluster_robust_covariance(
         residual, normal, (baseline.scatter[camera], float(baseline.clusters[camera]))
     )
-    # However well the scatter is known, a sum of few stretches has longer tails than a normal variable.
+    # A sum of few stretches has longer tails than a normal variable, also if the scatter is well known.
     freedom = min(freedom, TAILS * len(rows))
     noise = noise + sensitivity @ covariance @ sensitivity.T
     whole = score_of(_length(pull, noise), freedom)
-    # A person half hidden for a while must not decide for all: the few stretches with most weight are left out in turn.
+    # A person who is half hidden for some seconds must not decide: the few stretches with most weight are left out at once.
     loudest = np.argsort(score @ np.linalg.solve(noise, pull))[-max(1, round(LOUD * len(rows))) :]
     rest = score_of(_length(pull - score[loudest].sum(axis=0), noise), freedom)
     limit = limit_of(threshold, freedom)
@@ -216,31 +217,31 @@ def _test(
 
 
 def _find_shared_clusters(window: Scores, camera: int, free: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(K,) the clusters in which a camera and another one that is not free have a part."""
+    """Return whether each cluster (K,) has sightings by a camera and by another one that is not free."""
     others = np.delete(window.counts, [camera, *np.unique(free // 6).tolist()], axis=1)
     return np.asarray((window.counts[:, camera] > 0) & (others.sum(axis=1) > 0))
 
 
 def _length(pull: Floats, noise: Floats) -> float:
-    """Squared length of a pull (6,) in its own covariance."""
+    """Return the squared length of a pull (6,) relative to its covariance (6, 6)."""
     return float(pull @ np.linalg.solve(noise, pull))
 
 
 def score_of(statistic: float, freedom: float, size: int = 6) -> float:
-    """Of Hotelling's T squared in so many dimensions, the covariance of which has so many degrees of freedom."""
+    """Return the score of Hotelling's T squared in `size` dimensions, whose covariance has `freedom` degrees of freedom."""
     left = max(freedom - size + 1.0, 1.0)
     return float(-np.log10(max(fdtrc(size, left, statistic * left / (size * freedom)), 1e-300)))
 
 
 def limit_of(threshold: float, freedom: float, size: int = 6) -> float:
-    """The statistic at which the score reaches the threshold."""
+    """Return the statistic at which the score reaches the threshold."""
     left = max(freedom - size + 1.0, 1.0)
     return float(fdtri(size, left, 1 - 10.0**-threshold) * size * freedom / left)
 
 
 @dataclass(frozen=True)
 class ChangePoint:
-    """A time, and what it lies between."""
+    """A time, and the limits between which it lies."""
 
     seconds: float
     from_s: float
@@ -250,10 +251,10 @@ class ChangePoint:
 def estimate_change_point(
     rig: Rig, seen: Sightings, camera: str, baseline: Baseline, ground: GroundPlane
 ) -> ChangePoint | None:
-    """When a camera moved that moved once in the footage; None if no person was seen by two cameras.
+    """Estimate the time at which a camera moved that moved once in the footage; None if no person was seen by two cameras.
 
-    Of each moment: how much better one new pose from then on explains what was seen than the old one (a likelihood ratio, the
-    other cameras held where the baseline has them).
+    For each time, the likelihood ratio of a new pose from then on to the old pose is computed. The other cameras are fixed as
+    the baseline has them.
     """
     index = seen.names.index(camera)
     own = slice(6 * index, 6 * index + 6)
@@ -263,13 +264,13 @@ def estimate_change_point(
     scores = cluster_scores(seen, fit_people(seen, rotation, centre, ground=ground), GRID_S)
     pull, information = scores.at(baseline.estimate()[0])[:, own], scores.information[:, own, own]
     times, first = np.unique(scores.start_s, return_index=True)
-    # From each time to the end.
+    # Sums from each time to the end.
     late_pull = np.cumsum(np.add.reduceat(pull, first, axis=0)[::-1], axis=0)[::-1]
     late = np.cumsum(np.add.reduceat(information, first, axis=0)[::-1], axis=0)[::-1] + centre_first(weak_prior())
     gain: Floats = (late_pull * np.linalg.solve(late, late_pull[:, :, None])[:, :, 0]).sum(axis=1) / INFLATION
     best = int(np.argmax(gain))
     likely = np.flatnonzero(gain >= gain[best] - WORSE)
-    # The camera was still where it had been at the instant before.
+    # The lower limit is one instant earlier: the camera may have moved after it.
     return ChangePoint(
         float(times[best]), float(times[max(likely[0] - 1, 0)]), float(times[min(likely[-1] + 1, len(times) - 1)])
     )

@@ -1,8 +1,7 @@
-"""The rig that is monitored, with its clocks and the uncertainty of its shape.
+"""The rig that is monitored, with its clocks and the uncertainty of its shape, and the results of an earlier run.
 
-What an earlier run found, for cameras that have no news since.
-
-Which cameras have news since an earlier run: files that are not those that were read then. No file is opened for it.
+For cameras without news, the results of the earlier run are used. A camera has news if its files are not those that were read
+in the earlier run. This is tested without opening the files.
 """
 
 from __future__ import annotations
@@ -46,19 +45,19 @@ class GivenRig:
 
     rig: Rig
     offsets_s: Mapping[str, float] = field(default_factory=dict)
-    """Of each camera's clock, seconds."""
+    """Offset of each camera's clock, seconds."""
     shape_sigma_m: Mapping[str, float] = field(default_factory=dict)
-    """One sigma of a camera's place within the rig, but for the scale of all of it."""
+    """One sigma of each camera's place within the rig, metres, without the error of the common scale."""
     path: Path | None = None
-    """Of the rig file."""
+    """Path of the rig file."""
     calibration_scene_file: str | None = None
-    """Absolute path of the scene that it was calibrated from, where a file beside the rig names it."""
+    """Absolute path of the scene that it was calibrated from; None if no file beside the rig names it."""
 
 
 def read_given(path: Path) -> GivenRig:
-    """Read a rig file, or that of an output folder, with the calibration beside it where there is one.
+    """Read a rig file, or that of an output folder, with the calibration beside it if there is one.
 
-    Raises `InputError` where either cannot be read.
+    Raises `InputError` if either cannot be read.
     """
     file = path / RIG_FILE if path.is_dir() else path
     recover(file.parent, "reads the folder")
@@ -72,9 +71,9 @@ def read_given(path: Path) -> GivenRig:
 
 
 def _monitored_from(file: Path) -> str | None:
-    """The scene that a rig which `passerby monitor` wrote was calibrated from.
+    """Return the calibration's scene file for a rig that `passerby monitor` wrote; None if it is unknown.
 
-    Only for showing: a broken file of an earlier run does not prevent monitoring.
+    It is only displayed: a broken file of an earlier run does not prevent monitoring.
     """
     if file.name != RIG_FILE or not (file.parent / MONITOR_FILE).is_file():
         return None
@@ -85,9 +84,9 @@ def _monitored_from(file: Path) -> str | None:
 
 
 def rig_text(given: GivenRig, new: Rig, changed: tuple[str, ...]) -> str:
-    """A rig file in which some cameras have new poses; all other tables and numbers are those of the file that was read.
+    """Return the text of a rig file with new poses of some cameras; all other tables and numbers are those of the given file.
 
-    Raises `InputError` where the file cannot be read any more.
+    Raises `InputError` if the file can no longer be read.
     """
     if given.path is None:
         content: dict[str, Any] = {camera.name: table_of(camera) for camera in new}
@@ -113,36 +112,36 @@ def rig_text(given: GivenRig, new: Rig, changed: tuple[str, ...]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """What an earlier run found of a camera."""
+    """Result of an earlier run for a camera."""
 
     entry: MonitoredCamera
     moves: tuple[MoveEntry, ...] = ()
     pose: Camera | None = None
-    """The camera with its new pose; None where it has that of its calibration."""
+    """The camera with its new pose; None if it has that of its calibration."""
 
 
 @dataclass(frozen=True, eq=False)
 class EarlierRun:
-    """All that it found."""
+    """Results of an earlier run, by camera."""
 
     cameras: Mapping[str, Carried] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
     def has_read(self, camera: str, digest: str) -> bool:
-        """Whether these files of a camera were read, and its state is known."""
+        """Check whether a camera's files with this digest were read, and its state is known."""
         known = self.cameras.get(camera)
         return known is not None and known.entry.news == digest
 
     def of(self, cameras: Collection[str]) -> dict[str, Carried]:
-        """What is known of some cameras, in the order of that run."""
+        """Return the results for some cameras, in the order of that run."""
         return {name: one for name, one in self.cameras.items() if name in cameras}
 
 
 def read_earlier(folder: Path | None, judged_by: str) -> EarlierRun:
-    """The run that was written into a folder; nothing where there is none, or where it was about another rig.
+    """Read the run that was written into a folder; empty if there is none, or if its rig or its test differs.
 
     Args:
-        folder: with `monitor.json`, and `rig.toml` with the poses of cameras that moved.
+        folder: folder with `monitor.json`, and `rig.toml` with the poses of cameras that moved.
         judged_by: see `describe_test`.
 
     Raises `LaterVersionError` for files of a later Passerby, which this run would replace.
@@ -173,16 +172,16 @@ def _moves(document: MonitorDocument, name: str) -> tuple[MoveEntry, ...]:
 
 @dataclass(frozen=True)
 class News:
-    """The files of one camera."""
+    """State of the files of one camera."""
 
     digest: str
-    """Another one where a file was written, replaced or renamed, or is read otherwise."""
+    """Digest that changes if a file is written, replaced or renamed, or if it is read with other settings."""
     as_of: str | None
-    """When the newest of them was written, ISO 8601; None where there is none."""
+    """Time of the last change of the newest file, ISO 8601; None without files."""
 
 
 def news_of(scene: Scene, name: str) -> News:
-    """The files of a camera as they are now, by size and time of the last change."""
+    """Return the present state of a camera's files, by size and time of the last change."""
     table = scene.cameras[name]
     states: list[tuple[str, int | None, int | None]] = []
     newest: int | None = None
@@ -202,7 +201,7 @@ def news_of(scene: Scene, name: str) -> News:
 
 
 def describe_test(given: GivenRig, options: WatchOptions, *, in_step: bool) -> str:
-    """What a camera's state depends on beside its footage: the rig, and how it is tested."""
+    """Return a digest of the rig and the options of the test, on which a camera's state depends in addition to its footage."""
 
     def numbers(values: Floats | None) -> list[float] | None:
         return None if values is None else values.ravel().tolist()
@@ -222,7 +221,7 @@ def describe_test(given: GivenRig, options: WatchOptions, *, in_step: bool) -> s
 
 
 def _files(scene: Scene, table: CameraTable) -> list[Path]:
-    """What a camera's people are read from."""
+    """Return the files from which a camera's people are read."""
     named = [table.tracks or table.detections, table.keypoints, table.embeddings, table.video_times]
     found = [scene.resolve(path).absolute() for path in named if path is not None]
     videos = tuple(scene.resolve(path).absolute() for path in table.videos)
@@ -230,7 +229,7 @@ def _files(scene: Scene, table: CameraTable) -> list[Path]:
         try:
             found += list_files(VideoSource(videos)).paths
         except VideoError:
-            # A stream, or what reading will tell of.
+            # A stream, or a fault that is reported when the video is read.
             found += videos
     return found
 

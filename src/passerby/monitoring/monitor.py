@@ -1,6 +1,6 @@
-"""A rig in use and new footage: which cameras have moved since they were calibrated.
+"""Monitoring of a rig with new footage: it finds the cameras that have moved since the calibration.
 
-A calibration in groups that share no people: each is a rig of its own, and is monitored as one.
+If a calibration has groups that share no people, each group is a separate rig and is monitored separately.
 """
 
 from __future__ import annotations
@@ -44,20 +44,20 @@ def monitor(
     given: GivenRig, scene: Scene | str | Path, options: WatchOptions | None = None, *, in_step: bool = False,
     keep: str | Path | None = None, progress: Progress | None = None, executor: Executor | None = None,
 ) -> MonitoringResult:  # fmt: skip
-    """Whether cameras have moved.
+    """Test whether cameras have moved.
 
     Args:
-        given: the rig, and what was known with it.
+        given: the rig, with its clock offsets and the sigmas of its shape.
         scene: new footage of its cameras, under the same names.
         options: see `WatchOptions`.
-        in_step: whether the footage's clocks agree, whatever the calibration's did.
-        keep: folder in which is kept what was seen in videos; where an earlier run was written into it, its states are taken
-            over of the cameras that have no news since.
+        in_step: whether the clocks of the footage agree; else they differ as in the calibration.
+        keep: folder in which detections in videos are kept. If an earlier run was written into it, its results are used for
+            the cameras without new files.
         progress: called with each stage.
-        executor: works on cameras side by side.
+        executor: processes cameras in parallel.
 
     Raises:
-        InputError: the scene cannot be read, or its cameras are not the rig's.
+        InputError: the scene cannot be read, or its cameras are not those of the rig.
     """
     tell, options = progress or silent, options or WatchOptions()
     tell("reading")
@@ -74,9 +74,9 @@ def monitor(
     if not carried:
         _check_names(given.rig, tuple(scene.cameras), scene.place)
     found = _update_result(given, scene, fresh, options, in_step, kept, tell, executor, alone=bool(carried))
-    # What was known of a move is not forgotten where new footage tells nothing.
+    # A move from an earlier run is kept if the new footage gives no evidence on its camera.
     kept_moves = {
-        # Its times are of footage that is not there any more: no frames belong to them.
+        # The times of the move are of earlier footage, which is no longer there: no frames correspond to them.
         name: replace(one, entry=replace(one.entry, news=news[name].digest, fps=None, time_offset_s=None))
         for name, one in earlier.of(found.names).items()
         if found.windows(name)
@@ -89,7 +89,7 @@ def monitor(
         findings.append(notice("no_news", count=len(carried), first=min(since, default=None), last=max(since, default=None)))
     if kept_moves:
         findings.append(notice("news_without_people", *kept_moves))
-    # Their files count as not read, so that they are tested when a neighbour has news, too.
+    # Their files count as not read, so that they are tested again when a neighbour has new files.
     alone = earlier.of([name for name in found.names if not found.windows(name)])
     if alone:
         findings.append(notice("news_alone", *alone))
@@ -107,7 +107,7 @@ def _update_result(
     given: GivenRig, scene: Scene, fresh: tuple[str, ...], options: WatchOptions, in_step: bool, keep: Path | None,
     tell: Progress, executor: Executor | None, *, alone: bool,
 ) -> MonitoringResult:  # fmt: skip
-    """What the footage of some of the cameras says; where there may be too few of them (`alone`), nothing about these."""
+    """Test some of the cameras with their footage; with `alone`, fewer than two cameras give an empty result, not an error."""
     posed = [name for name in fresh if name in given.rig.names and given.rig[name].pose is not None]
     if alone and len(posed) < 2 and set(fresh) <= set(given.rig.names):
         return MonitoringResult(given.rig, Watched(tuple(posed), (), (), 0.0, 0.0), options, None)
@@ -124,7 +124,7 @@ def monitor_inputs(
     given: GivenRig, scene: Scene, inputs: SceneInputs, options: WatchOptions | None = None, *, in_step: bool = False,
     tell: Progress = silent, executor: Executor | None = None,
 ) -> MonitoringResult:  # fmt: skip
-    """As `monitor`, from inputs that were read."""
+    """Test whether cameras have moved, as `monitor`, from inputs that were read before."""
     options = options or WatchOptions()
     names = [name for name in given.rig.names if name in inputs.rig.names and given.rig[name].pose is not None]
     _check_names(given.rig, inputs.rig.names, scene.place)
@@ -157,15 +157,15 @@ def watch_footage(
     rig: Rig, observations: Observations, options: WatchOptions, *, known: bool, tell: Progress = silent,
     executor: Executor | None = None,
 ) -> tuple[Watched, GroundPlane]:  # fmt: skip
-    """What footage says about a rig, all of it at once, and where the ground is.
+    """Test all cameras of a rig together with footage, and fit the plane of the ground.
 
     Args:
-        rig: the cameras that are watched, with poses.
-        observations: of these cameras, with a clock for each.
+        rig: the cameras to test, with poses.
+        observations: observations of these cameras, with a clock for each.
         options: see `WatchOptions`.
-        known: whether identities hold over all cameras; they are each camera's own tracklets else, or -1 for detections.
+        known: whether identities hold over all cameras; else they are each camera's own tracklets, or -1 for detections.
         tell: called with each stage.
-        executor: works on cameras side by side.
+        executor: processes cameras in parallel.
     """
     clocks, sizes = observations.clocks, {camera.name: camera.lens.size for camera in rig}
     # The systems are small, and the number of BLAS threads would change the last bits.
@@ -185,7 +185,7 @@ def watch_footage(
 
 
 def _check_names(rig: Rig, seen: tuple[str, ...], place: str) -> None:
-    """Raise `InputError` where the scene's cameras are not the rig's."""
+    """Raise `InputError` if the scene's cameras are not those of the rig, or fewer than two of them have a pose."""
     posed = rig.posed().names
     unknown = [name for name in seen if name not in rig.names]
     if unknown:
@@ -202,7 +202,7 @@ def _check_names(rig: Rig, seen: tuple[str, ...], place: str) -> None:
 
 
 def _check_pictures(rig: Rig, seen: Rig, place: str) -> None:
-    """Raise `InputError` where pictures have another size than those that the rig's lens was given for."""
+    """Raise `InputError` if pictures have another size than those of the rig's lens."""
     for camera in seen:
         size = rig[camera.name].lens.size
         if camera.lens.size != size:
@@ -215,7 +215,7 @@ def _check_pictures(rig: Rig, seen: Rig, place: str) -> None:
 def _footage(
     given: GivenRig, scene: Scene, inputs: SceneInputs, names: list[str], in_step: bool
 ) -> tuple[Rig, Observations]:  # fmt: skip
-    """The cameras that are watched, and what they saw by their clocks."""
+    """Return the cameras to test, and their observations with their clocks. Raises `InputError` without a frame rate."""
     rig = Rig(tuple(_loosen_camera(given, name) for name in names))
     fps = inputs.observations.fps
     if fps is None:
@@ -227,7 +227,7 @@ def _footage(
 
 
 def _loosen_camera(given: GivenRig, name: str) -> Camera:
-    """A camera with the sigma of its place within the rig, where that is known: all of it may be too large or too small."""
+    """Return a camera with the sigma of its place within the rig, without that of the scale, if this is known."""
     camera = given.rig[name]
     shape = given.shape_sigma_m.get(name)
     if shape is None or camera.sigma is None:
@@ -236,7 +236,7 @@ def _loosen_camera(given: GivenRig, name: str) -> Camera:
 
 
 def _notes(given: GivenRig, seen: Rig, in_step: bool) -> tuple[str, ...]:
-    """What the user should know of the input."""
+    """Return notes about the input for the user."""
     lost = [name for name in seen.names if given.rig[name].pose is None]
     notes = []
     if lost:
@@ -255,7 +255,7 @@ def _notes(given: GivenRig, seen: Rig, in_step: bool) -> tuple[str, ...]:
 
 
 def _list_absent(absent: list[str]) -> list[str]:
-    """Cameras that are not in the scene."""
+    """Return a note on cameras that are not in the scene, if there are any."""
     if not absent:
         return []
     return [f"{_cameras(absent)} of the rig {_choose_have(absent)} no footage here and {_choose_are(absent)} not monitored"]
@@ -275,27 +275,27 @@ def _choose_are(names: list[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class MonitoredGroup:
-    """What was found of one group."""
+    """The result of one group."""
 
     number: int
-    """1 for the main rig, then as the folders are numbered."""
+    """1 for the main rig, then the number of the group's folder."""
     given: GivenRig
     found: MonitoringResult
 
     @property
     def folder(self) -> str:
-        """Within the folder that is written; empty for the main rig."""
+        """Folder of the group within the output folder; empty for the main rig."""
         return "" if self.number == MAIN else group_folder(self.number)
 
     def write(self, out: Path) -> None:
-        """Write `rig.toml` and `monitor.json` of this group. Raises `InputError` where the folder is not writable."""
+        """Write `rig.toml` and `monitor.json` of this group. Raises `InputError` if the folder is not writable."""
         self.found.write(out / self.folder, rig_text(self.given, self.found.rig, self.found.changed))
 
 
 def read_groups(path: Path) -> dict[int, GivenRig]:
-    """The rigs of a rig file, or of a folder with those of its further groups, by number.
+    """Read the rig of a rig file, or those of an output folder with its further groups, by number of the group.
 
-    Raises `InputError` where one cannot be read.
+    Raises `InputError` if one cannot be read.
     """
     found = {MAIN: read_given(path)}
     if path.is_dir() and (path / GROUPS_FOLDER).is_dir():
@@ -311,16 +311,16 @@ def monitor_groups(
     groups: Mapping[int, GivenRig], scene: Scene, options: WatchOptions, *, in_step: bool = False, keep: Path | None = None,
     tell: Progress = silent, executor: Executor | None = None,
 ) -> list[MonitoredGroup]:  # fmt: skip
-    """Whether cameras of any group have moved; groups of which fewer than two cameras have footage are left out.
+    """Test whether cameras of any group have moved; groups with footage of fewer than two cameras are left out.
 
     Args:
-        groups: of `read_groups`.
+        groups: result of `read_groups`.
         scene: new footage, of one or more groups.
         options: see `WatchOptions`.
-        in_step: as of `monitor`.
-        keep: as of `monitor`; each further group has its own folder in it.
+        in_step: as in `monitor`.
+        keep: as in `monitor`; each further group has its own folder in it.
         tell: called with each stage.
-        executor: works on cameras side by side.
+        executor: processes cameras in parallel.
 
     Raises:
         InputError: the scene cannot be read, a camera is in no group, or no group has two cameras with footage.
@@ -349,7 +349,7 @@ def monitor_groups(
 
 
 def _group_of(groups: Mapping[int, GivenRig], name: str, place: str) -> int:
-    """The group in which a camera has a pose, or else is named. Raises `InputError` where it is in none."""
+    """Return the group in which a camera has a pose, or else one that contains it. Raises `InputError` if there is none."""
     inside = [number for number, given in groups.items() if name in given.rig.names]
     if not inside:
         every = dict.fromkeys(one for given in groups.values() for one in given.rig.names)

@@ -1,11 +1,11 @@
-"""Many cameras: each is tested by itself, together with the cameras that saw most of its people.
+"""Test of many cameras: each is tested in a small rig with the cameras that saw most of its people.
 
-A window of all cameras at once takes time and memory by the square of their number. But people say something of a camera only
-together with the other cameras that saw them. So each camera is watched in a small rig of its own, of it and its partners, by
-all bodies that it saw; what that says of the partners is left to their own small rigs.
+A window of all cameras at once takes time and memory in proportion to the square of their number. But people give evidence on a
+camera only together with the other cameras that saw them. So each camera is tested in its own small rig, with its partners, by
+all bodies that it saw. The results for the partners are not used: they have their own small rigs.
 
-Where a partner has moved, a small rig may not know which of the two it was: the partner's other partners do. Cameras about
-which anything was said are therefore watched again without those partners that have significantly moved, until nothing changes.
+If a partner has moved, a small rig may not show which of the two it was; the partner's other partners do. Cameras that may
+have moved are therefore tested again without those partners that have significantly moved, until nothing changes.
 """
 
 from __future__ import annotations
@@ -30,14 +30,15 @@ from passerby.people.ground import fit_ground
 from passerby.people.sightings import Sightings
 
 MOST_PARTNERS = 7
-"""Of a camera, those that saw most of its people. With eight cameras all explanations of a window can be tried."""
+"""Largest number of partners of a camera: those that saw most of its people. With eight cameras all explanations of a window
+can be tried."""
 ROUNDS = 4
-"""Of watching again without those that moved, at most."""
+"""Largest number of times that cameras are tested again without partners that moved."""
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """Cameras that neighbours tie together, and what they saw."""
+    """Cameras that chains of neighbours connect, and their observations."""
 
     rig: Rig
     observations: Observations
@@ -45,18 +46,18 @@ class Site:
     seen: Sightings
     """The same people as rays."""
     height_m: float
-    """About where the ground is."""
+    """Approximate height of the ground, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """A camera and its partners."""
+    """The test of a camera with its partners."""
 
     camera: str
     rig: Rig
     seen: Sightings
     observations: Observations
-    """Empty without joints."""
+    """Observations of these cameras; empty without joints."""
     height_m: float
     options: WatchOptions
     span: tuple[float, float]
@@ -66,15 +67,15 @@ def watch_neighbourhoods(
     sites: Sequence[Site], names: tuple[str, ...], options: WatchOptions, span: tuple[float, float], *, tell: Progress,
     executor: Executor | None = None,
 ) -> Watched:  # fmt: skip
-    """Watch each camera with its partners.
+    """Test each camera with its partners.
 
     Args:
-        sites: no camera in two of them.
-        names: all cameras, those included that have no neighbour; of them nothing is said.
+        sites: sets of connected cameras; no camera is in two of them.
+        names: names of all cameras, including those without a neighbour, which are not tested.
         options: see `WatchOptions`.
-        span: times from which and until which windows lie, seconds.
+        span: begin of the first window and end of the last one, seconds.
         tell: called with the number of cameras that are done.
-        executor: works on cameras side by side; the result does not depend on it.
+        executor: processes cameras in parallel; the result does not depend on it.
     """
     of_camera = {name: bodies for site in sites for name, bodies in _bodies_by_camera(site).items()}
     without: dict[str, frozenset[str]] = dict.fromkeys(of_camera, frozenset())
@@ -96,16 +97,16 @@ def watch_neighbourhoods(
 
 @dataclass(frozen=True, eq=False)
 class _Bodies:
-    """What there is of one camera's people."""
+    """The sightings of one camera's people."""
 
     site: Site
     rows: Ints
-    """Of the site's sightings: all of the bodies that the camera saw."""
+    """Rows of the site's sightings, by all cameras, of the bodies that the camera saw."""
     partners: tuple[str, ...]
-    """The cameras that saw any of them, those that saw most first."""
+    """The other cameras that saw any of them, those that saw most first."""
 
     def job(self, name: str, without: Collection[str], options: WatchOptions, span: tuple[float, float]) -> _Job | None:
-        """The camera with its partners, but for some; None where none is left."""
+        """Return the job of the camera with its partners, except for some; None if no partner is left."""
         partners = [one for one in self.partners if one not in without][:MOST_PARTNERS]
         if not partners:
             return None
@@ -123,7 +124,7 @@ class _Bodies:
 
 
 def _bodies_by_camera(site: Site) -> dict[str, _Bodies]:
-    """The rows that say anything of each camera: those of its bodies."""
+    """Find the sightings that give evidence on each camera: those of bodies that it and another camera saw."""
     seen = site.seen
     count = np.bincount(seen.block, minlength=seen.n_blocks)
     first = np.cumsum(count) - count
@@ -144,7 +145,7 @@ def _watch_rigs(
     of_camera: Mapping[str, _Bodies], without: Mapping[str, Collection[str]], options: WatchOptions,
     span: tuple[float, float], executor: Executor | None, tell: Progress,
 ) -> dict[str, Watched]:  # fmt: skip
-    """What the small rigs of some cameras say."""
+    """Test the small rigs of some cameras."""
     jobs = {name: of_camera[name].job(name, gone, options, span) for name, gone in without.items()}
     able = [job for job in jobs.values() if job is not None]
     done = dict(zip([job.camera for job in able], side_by_side(_watch, able, executor, tell, STAGE), strict=True))
@@ -152,7 +153,7 @@ def _watch_rigs(
 
 
 def _watch(job: _Job) -> Watched:
-    """What one small rig says."""
+    """Test one small rig, and keep the tests of its own camera."""
     ground = fit_ground(job.rig, job.seen, job.height_m)
     if joints_are_shared(job.observations):
         found = watch_adjusted(job.rig, job.observations, job.seen, job.options, ground=ground, span=job.span)
@@ -167,12 +168,12 @@ def _watch(job: _Job) -> Watched:
 
 
 def _claims(watched: Watched, name: str) -> list[Move]:
-    """The moves that a camera's small rig puts down to it, or may."""
+    """Return the moves in a camera's small rig that are, or may be, moves of this camera."""
     return [move for move in watched.moves if move.camera == name or name in move.others]
 
 
 def _join_results(found: Mapping[str, Watched], names: tuple[str, ...], span: tuple[float, float]) -> Watched:
-    """What each small rig says of its own camera."""
+    """Join the results of all small rigs, each for its own camera."""
     known = [(number, name) for number, name in enumerate(names) if name in found]
     moves = [_attribute_move(move, name) for _, name in known for move in _claims(found[name], name)]
     moves.sort(key=lambda move: (move.noticed_s, move.pose is None, names.index(move.camera)))
@@ -184,7 +185,7 @@ def _join_results(found: Mapping[str, Watched], names: tuple[str, ...], span: tu
 
 
 def _side_by_side(of_camera: Sequence[tuple[int, Sequence[Window]]]) -> tuple[Window, ...]:
-    """The windows of cameras with these numbers, those of the same times as one."""
+    """Join the windows of cameras with these numbers: those of the same times become one."""
     tests: dict[tuple[float, float], list[MotionTest]] = {}
     for number, windows in of_camera:
         for one in windows:
@@ -194,7 +195,7 @@ def _side_by_side(of_camera: Sequence[tuple[int, Sequence[Window]]]) -> tuple[Wi
 
 
 def _attribute_move(move: Move, name: str) -> Move:
-    """A move as the camera's own: of another camera's, which it may have been instead, only that is known."""
+    """Return a move as one of the camera `name`; if another camera may have moved instead, its size is unknown."""
     if move.camera == name:
         return move
     others = (move.camera, *(one for one in move.others if one != name))
@@ -203,7 +204,7 @@ def _attribute_move(move: Move, name: str) -> Move:
 
 
 def _drop_repeated(moves: Sequence[Move]) -> list[Move]:
-    """The moves, one of those that name the same cameras, whichever of them it was."""
+    """Keep only the first of several ambiguous moves that name the same cameras."""
     kept, told = [], set[frozenset[str]]()
     for move in moves:
         who = frozenset((move.camera, *move.others))

@@ -1,4 +1,4 @@
-"""What monitoring found, in words and figures."""
+"""Result of monitoring, in words and figures."""
 
 from __future__ import annotations
 
@@ -26,63 +26,63 @@ from passerby.people.held_cameras import GroundPlane
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sources:
-    """Where rig and footage are from, so that both can be shown again. Paths are absolute; None for what came from no file."""
+    """Sources of the rig and the footage, so that both can be shown again. Paths are absolute; None if there was no file."""
 
     scene_file: str | None = None
-    """Of the footage."""
+    """Scene file of the footage."""
     rig_file: str | None = None
     calibration_scene_file: str | None = None
-    """Of what the rig was calibrated from."""
+    """Scene file from which the rig was calibrated."""
     clocks: Mapping[str, Clock] = field(default_factory=dict)
-    """Of each camera's footage."""
+    """Clock of each camera's footage."""
     news: Mapping[str, News] = field(default_factory=dict)
-    """The files of each camera that were read."""
+    """State of the files that were read, by camera."""
     judged_by: str | None = None
-    """See `given_rig.describe_test`."""
+    """Digest of the rig and the test: see `given_rig.describe_test`."""
 
 
 @dataclass(frozen=True, eq=False)
 class MonitoringResult:
-    """Whether cameras have moved since they were calibrated."""
+    """Result of the test whether cameras have moved since they were calibrated."""
 
     given: Rig
-    """As it was calibrated."""
+    """The rig as it was calibrated."""
     watched: Watched
     options: WatchOptions
     ground: GroundPlane | None
-    """None where each camera was tested with a ground of its own."""
+    """Plane of the ground; None if each camera was tested with its own ground."""
     notes: tuple[str, ...] = ()
-    """What is odd about the input."""
+    """Notes about the input, one sentence each."""
     sources: Sources = field(default_factory=Sources)
     carried: Mapping[str, Carried] = field(default_factory=dict)
-    """What an earlier run found of cameras that have no news since, or of which the news tell nothing."""
+    """Results of an earlier run for cameras without new files, or whose new files give no evidence."""
 
     thinning: Thinning | None = None
-    """What of the footage was used, to stay in the budget; None where there was none."""
+    """The part of the footage that was used to stay in the budget; None without a budget."""
 
     def __repr__(self) -> str:
         return f"MonitoringResult({', '.join(f'{name}: {self.state(name)}' for name in self.cameras)})"
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The cameras that were watched."""
+        """The cameras that were tested."""
         return self.watched.names
 
     @cached_property
     def cameras(self) -> tuple[str, ...]:
-        """The cameras of which anything is known: those that were watched, and those of an earlier run."""
+        """The cameras with a result: those that were tested, and those of an earlier run."""
         return tuple(name for name in self.given.names if name in self.watched.names or name in self.carried)
 
     @property
     def moves(self) -> tuple[Move, ...]:
-        """All that moved, in the order in which it was noticed."""
+        """All moves, in the order in which they were noticed."""
         return self.watched.moves
 
     @cached_property
     def rig(self) -> Rig:
-        """The rig with new poses and sigmas of the cameras that moved; all others are the given ones themselves.
+        """The rig with new poses and sigmas of the cameras that moved; the others are the given objects.
 
-        A camera keeps its old pose where the people do not tell which of several moved, or are too few to place it.
+        A camera keeps its old pose if the people do not determine which of several moved, or are too few to place it.
         """
         latest = {move.camera: move for move in self.moves}
         cameras = []
@@ -102,13 +102,13 @@ class MonitoringResult:
         return tuple(old.name for old, new in zip(self.given, self.rig, strict=True) if new is not old)
 
     def state(self, camera: str) -> State:
-        """What is to be said of a camera."""
+        """Return the state of a camera, from an earlier run if that is used."""
         if camera in self.carried:
             return self.carried[camera].entry.state
         return self.state_by_footage(camera)
 
     def state_by_footage(self, camera: str) -> State:
-        """What the footage says of a camera that was watched, whatever an earlier run found."""
+        """Return the state of a tested camera by the footage alone, without an earlier run."""
         own = [move for move in self.moves if move.camera == camera]
         if any(not move.others for move in own):
             return "moved"
@@ -118,7 +118,7 @@ class MonitoringResult:
 
     @cached_property
     def _tests(self) -> dict[str, list[MotionTest]]:
-        """By camera, its test in each window that it has a part in."""
+        """The tests of each camera, one for each window that contains it."""
         found: dict[str, list[MotionTest]] = {name: [] for name in self.names}
         for window in self.watched.windows:
             for test in window.tests:
@@ -126,22 +126,22 @@ class MonitoringResult:
         return found
 
     def windows(self, camera: str) -> int:
-        """How many windows a camera has a part in."""
+        """Return the number of windows that contain a camera."""
         return len(self._tests[camera])
 
     def told(self, camera: str) -> int:
-        """In how many windows something can be said of a camera."""
+        """Return the number of windows with a clear test of a camera (`MotionTest.is_clear`)."""
         return sum(test.is_clear for test in self._tests[camera])
 
     def smallest(self, camera: str, *, worst: bool = False) -> tuple[float | None, float | None]:
-        """The shift (metres) and the turn (degrees) that a window of this camera would show in 95 % of the cases.
+        """Return the shift (metres) and the turn (degrees) of a camera that a window would show in 95 % of the cases.
 
-        The median over the windows, those in which something can be said where there are any; None where no window tells
-        anything.
+        Both are medians over the windows with a clear test, or over all windows if there are none; None if no window has a
+        finite limit.
 
         Args:
-            camera: which.
-            worst: in the worst of three directions at right angles, instead of the middle one.
+            camera: name of the camera.
+            worst: whether the worst of three directions at right angles is used, instead of the middle one.
         """
         every = self._tests[camera]
         own = [test for test in every if test.is_clear] or every
@@ -152,9 +152,9 @@ class MonitoringResult:
         return metres, degrees
 
     def whole_limit(self, camera: str) -> tuple[float | None, float | None]:
-        """The translation (metres) and rotation (degrees) that all the footage since the last move shows in 95 % of the cases.
+        """Return the shift (metres) and turn (degrees) that all footage since the last move shows in 95 % of the cases.
 
-        In the worst of three directions at right angles; None where that footage shows nothing of the camera.
+        Both are along the worst of three directions at right angles; None if that footage gives no evidence on the camera.
         """
         for test in (test for one in self.watched.whole for test in one.tests):
             if self.names[test.camera] == camera and np.isfinite(test.smallest_m[1] + test.smallest_deg[1]):
@@ -163,9 +163,9 @@ class MonitoringResult:
 
     @property
     def most_moved(self) -> tuple[str, ...]:
-        """The cameras that were noticed to have moved together, where they are more than half of the rig's; else none.
+        """The cameras whose moves were noticed together, if they are more than half of the rig's; else none.
 
-        Which of them stood still is then a matter of how the rest is placed on them.
+        The evidence then does not determine which of the cameras were at rest.
         """
         for noticed in sorted({move.noticed_s for move in self.moves}):
             together = {move.camera for move in self.moves if move.noticed_s == noticed}
@@ -175,11 +175,11 @@ class MonitoringResult:
 
     @property
     def exit_status(self) -> int:
-        """0: every camera is steady; 3: one has moved, or nothing can be said of one."""
+        """0: every camera is steady; 3: a camera has moved, or its state is unknown."""
         return 0 if all(self.state(name) == "steady" for name in self.cameras) else EvidenceError.exit_status
 
     def sentences(self) -> list[str]:
-        """What moved, and of what nothing can be said, one sentence each."""
+        """Return one sentence for each move, and for each camera of unknown state."""
         told = [move_in_words(move) for move in self._moves]
         if self.most_moved:
             told.append(f"most cameras moved relative to each other ({', '.join(self.most_moved)}): calibrate anew")
@@ -188,11 +188,11 @@ class MonitoringResult:
 
     @property
     def _moves(self) -> list[MoveEntry]:
-        """All moves as files hold them, those that an earlier run noticed after the others."""
+        """All moves as entries of the file; those that an earlier run noticed are last."""
         return [*map(entry_of, self.moves), *(move for one in self.carried.values() for move in one.moves)]
 
     def _silence(self, name: str) -> str:
-        """Why nothing can be said of a camera."""
+        """Return the reason why the state of a camera is unknown."""
         metres, degrees = self.smallest(name)
         few = "not enough people that another camera also sees"
         if metres is None or degrees is None:
@@ -203,7 +203,7 @@ class MonitoringResult:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain values for JSON."""
+        """Return the whole result as plain values for JSON."""
         out: dict[str, Any] = plain({
             "schema_version": SCHEMA_VERSION,
             "from_s": self.watched.from_s, "until_s": self.watched.until_s, "window_s": self.options.every_s,
@@ -221,7 +221,7 @@ class MonitoringResult:
         return out
 
     def camera(self, name: str) -> MonitoredCamera:
-        """One line of the summary: of this run, or of an earlier one."""
+        """Return the entry of a camera in the summary, from this run or an earlier one."""
         if name in self.carried:
             return self.carried[name].entry
         metres, degrees = self.smallest(name)
@@ -238,7 +238,7 @@ class MonitoringResult:
     def write(self, folder: str | Path, rig_text: str) -> None:
         """Write `rig.toml` and `monitor.json` into a folder, both or neither.
 
-        Raises `InputError` where the folder is not writable, or another process has it.
+        Raises `InputError` if the folder is not writable, or if another process works in it.
         """
         from passerby.interchange.output_folder import RIG_FILE
         from passerby.interchange.storage.transaction import folder_lock, transaction
@@ -249,7 +249,7 @@ class MonitoringResult:
 
 
 def measure_shift(shift: Floats, covariance: Floats) -> tuple[float | None, float | None]:
-    """How long a shift (3,) is, and one sigma of that; None where unknown."""
+    """Return the length of a shift (3,) and its one sigma; None if unknown."""
     length = float(np.linalg.norm(shift))
     if not np.isfinite(length):
         return None, None
@@ -258,13 +258,13 @@ def measure_shift(shift: Floats, covariance: Floats) -> tuple[float | None, floa
 
 
 def clock_time(seconds: float) -> str:
-    """00:05:12, counted from the footage's first frame."""
+    """Format seconds from the footage's first frame as 00:05:12."""
     whole = max(0, round(seconds))
     return f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}"
 
 
 def move_in_words(move: MoveEntry) -> str:
-    """Who moved, when and by how much."""
+    """Return a sentence with the camera that moved, the time and the size of the move."""
     who = " or ".join((move.camera, *move.or_))
     when = "before the footage began" if move.seconds is None or move.from_s is None or move.until_s is None else (
         f"at {clock_time(move.seconds)} (between {clock_time(move.from_s)} and {clock_time(move.until_s)})"
@@ -278,7 +278,7 @@ def move_in_words(move: MoveEntry) -> str:
 
 
 def entry_of(move: Move) -> MoveEntry:
-    """A move as files hold it."""
+    """Return the entry of a move for files."""
     metres, metres_sd = measure_shift(move.shift[:3], move.covariance[:3, :3])
     radians, radians_sd = measure_shift(move.shift[3:], move.covariance[3:, 3:])
     moment, pose = move.moment, move.pose
@@ -295,7 +295,7 @@ def entry_of(move: Move) -> MoveEntry:
 
 
 def _window(window: Window, names: Sequence[str]) -> dict[str, Any]:
-    """Each camera's score, and what would have been seen."""
+    """Return each camera's score and detection limits in a window, JSON-ready."""
     return {
         "from_s": window.from_s, "until_s": window.until_s,
         "cameras": {
@@ -310,4 +310,4 @@ def _window(window: Window, names: Sequence[str]) -> dict[str, Any]:
 
 
 Monitored = MonitoringResult
-"""The earlier name."""
+"""Earlier name of `MonitoringResult`."""

@@ -1,13 +1,11 @@
-"""The cameras of a site: which of them are neighbours, their identities, and what each small rig says of its camera.
+"""The cameras of a site: neighbours, identities over the cameras, and the test of each camera with its neighbours.
 
-Which cameras of a rig may share people: those that see ground in common, by their poses.
+Neighbours are cameras that may share people: by their poses, they see ground in common. Walls are not known, so that neighbours
+may share no people. The work is proportional to the number of cameras, not to that of their pairs.
 
-Walls are not known, so that a neighbour may turn out to share no people. The work grows with the cameras, not with their pairs.
-
-Identities over the cameras of a rig that is in use, where none are stated: tracklets that meet in space, camera by camera.
-
-As in a calibration (`association.associate`), but from poses that are known from the first. A camera that has moved by a few
-degrees still sees people nearer to where the others see them than to anybody else.
+If no identities are stated, tracklets that meet in space are joined, as in a calibration (`association.associate`), but with
+poses that are known from the beginning. With a camera that has moved by a few degrees, a person is still nearer to its position
+by the other cameras than to that of another person.
 """
 
 from __future__ import annotations
@@ -34,42 +32,43 @@ from passerby.people.ground import rough_height
 from passerby.people.sightings import gather_sightings
 
 MANY = 12
-"""Up to so many cameras all are tested together, by all that all of them saw."""
+"""Up to this number, all cameras are tested together, with the observations of all."""
 CELL_M = 1.0
 RANGE_M = 40.0
 LEAST_PX = 25.0
-"""Height in the image below which no person is detected."""
+"""Height of a person in the image, pixels, below which no person is detected."""
 SAME_RAY = 1e-3
-"""Beyond its border a distorted lens folds over: a pixel whose ray is another one than the point's shows something else."""
+"""Largest difference between the ray of a point and that of its pixel. Beyond the border of its range, a distortion model is
+not unique: a pixel with another ray shows something else."""
 LEAST_SHARED = 5
-"""Cells that neighbours have in common: on less ground almost no person walks."""
+"""Least number of cells that neighbours have in common: on less ground almost no person walks."""
 SAME_FLOOR_M = 1.5
-"""Two cameras whose ground differs by more in height stand on different floors."""
+"""Two cameras whose ground differs by more in height, metres, stand on different floors."""
 MOST_NEIGHBOURS = 12
-"""Of each camera, those with most ground in common; as many as a calibration registers a camera with."""
+"""Largest number of neighbours of a camera: those with most ground in common, as many as a calibration registers it with."""
 Pairs = frozenset[tuple[int, int]]
-"""Places of two cameras in a rig, a < b."""
+"""Indices of two cameras in a rig, a < b."""
 SEED = 0
-"""Of the draw of the people that determine each camera's vertical without known identities."""
+"""Seed of the sample of people that determine each camera's vertical without known identities."""
 
 
 @dataclass(frozen=True, eq=False)
 class CamerasOfSite:
-    """Cameras, what they saw, and which of them are compared."""
+    """Cameras, their observations, and the pairs of them that are compared."""
 
     rig: Rig
-    """With poses."""
+    """The cameras, with poses."""
     observations: Observations
-    """Of these cameras, with a clock for each."""
+    """Observations of these cameras, with a clock for each."""
     height_m: Mapping[str, float]
-    """Of each camera that saw anybody, about how high the ground is, metres."""
+    """Approximate height of the ground, metres, by camera that saw a person."""
     pairs: Pairs
-    """The neighbours; no others are compared."""
+    """The neighbours; no other pairs are compared."""
 
     @classmethod
     def of(cls, rig: Rig, observations: Observations) -> CamerasOfSite:
-        """Neighbours by poses, and by the ground that each camera's people stand on."""
-        # By one camera's people alone: floors of a house have a ground each.
+        """Find the neighbours by poses, and by the height of the ground on which each camera's people stand."""
+        # Each height is by one camera's people alone: each floor of a building has its own ground.
         heights = {
             camera.name: rough_height(Rig((camera,)), observations) for camera in rig if _sees_ground(observations[camera.name])
         }
@@ -89,14 +88,14 @@ def _sees_ground(seen: CameraObservations) -> bool:
 def watch_site(
     cameras: CamerasOfSite, options: WatchOptions, *, known: bool, tell: Progress = silent, executor: Executor | None = None
 ) -> Watched:
-    """What footage says about a rig of many cameras.
+    """Test the cameras of a rig of many cameras with footage.
 
     Args:
-        cameras: that are watched.
+        cameras: the cameras to test.
         options: see `WatchOptions`.
-        known: whether identities hold over all cameras; they are each camera's own tracklets else, or -1 for detections.
+        known: whether identities hold over all cameras; else they are each camera's own tracklets, or -1 for detections.
         tell: called with each stage.
-        executor: works on cameras side by side.
+        executor: processes cameras in parallel.
     """
     # The systems are small, and the number of BLAS threads would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -106,7 +105,7 @@ def watch_site(
 
 
 def _site(cameras: CamerasOfSite, numbers: list[int], known: bool, tell: Progress, executor: Executor | None) -> Site:
-    """Some of the cameras, with identities over them."""
+    """Return some of the cameras, with identities that hold over them."""
     seen, rig = cameras.observations, Rig(tuple(cameras.rig.cameras[k] for k in numbers))
     clocks = {name: seen.clocks[name] for name in rig.names}
     own = Observations({name: seen[name] for name in rig.names}, seen.fps, clocks)
@@ -122,7 +121,7 @@ def _site(cameras: CamerasOfSite, numbers: list[int], known: bool, tell: Progres
 
 
 def _span(observations: Observations) -> tuple[float, float]:
-    """From the first time at which a person was seen to just after the last, seconds; zeros if there was none."""
+    """Return the first time at which a person was seen and the time just after the last, seconds; zeros without people."""
     ends: list[Floats] = []
     for name, seen in observations.cameras.items():
         frames = np.concatenate([seen.boxes.frame, seen.keypoints.frame])
@@ -134,7 +133,7 @@ def _span(observations: Observations) -> tuple[float, float]:
 
 
 def neighbours_by_rig(rig: Rig, ground_m: Mapping[str, float]) -> Pairs:
-    """Pairs of cameras that share ground.
+    """Find the pairs of cameras that share ground.
 
     Args:
         rig: cameras with poses.
@@ -161,7 +160,7 @@ def neighbours_by_rig(rig: Rig, ground_m: Mapping[str, float]) -> Pairs:
 
 
 def connect_cameras(pairs: Pairs, n: int) -> list[list[int]]:
-    """The cameras 0 to n - 1 in sets that pairs tie together, each ascending; cameras without a neighbour are in none."""
+    """Return the sets of cameras 0 to n - 1 that pairs connect, each ascending; cameras without a neighbour are in none."""
     beside: list[list[int]] = [[] for _ in range(n)]
     for a, b in sorted(pairs):
         beside[a].append(b)
@@ -180,7 +179,7 @@ def connect_cameras(pairs: Pairs, n: int) -> list[list[int]]:
 
 
 def _cells_seen(camera: Camera, ground_m: float) -> Ints:
-    """(N, 2) numbers of the cells of ground on which a standing person is whole in the image, and tall enough."""
+    """Return the indices (N, 2) of the cells of ground on which a standing person is whole in the image and tall enough."""
     assert camera.pose is not None
     middle = np.floor(camera.pose.centre[:2] / CELL_M)
     reach = np.arange(-RANGE_M // CELL_M, RANGE_M // CELL_M + 1)
@@ -191,13 +190,13 @@ def _cells_seen(camera: Camera, ground_m: float) -> Ints:
     ends = [
         _project_visible(camera, np.column_stack([place, np.full(len(place), ground_m + up)])) for up in (0.0, PERSON_HEIGHT_M)
     ]
-    # NaN where an end is not in the image, which is not tall enough either.
+    # A height is NaN if an end is not in the image; then the comparison is false.
     tall = np.linalg.norm(ends[0] - ends[1], axis=1) >= LEAST_PX
     return np.asarray(cells[tall], dtype=np.int64)
 
 
 def _project_visible(camera: Camera, points: Floats) -> Floats:
-    """(N, 2) pixels of points (N, 3) of the world; NaN where they are not in the image."""
+    """Project points (N, 3) of the world to pixels (N, 2); NaN where they are not in the image."""
     assert camera.pose is not None
     own = points @ camera.pose.R_cw.T + camera.pose.t_cw
     pixel = camera.lens.project_rays(own)
@@ -213,23 +212,23 @@ def identify_by_rig(
     rig: Rig, observations: Observations, clocks: Mapping[str, Clock], rng: np.random.Generator, *, ground_m: float = 0.0,
     executor: Executor | None = None, tell: Progress = silent, candidates: Container[tuple[int, int]] | None = None,
 ) -> Observations:  # fmt: skip
-    """The people whom tracklets belong to, in each camera's own frames.
+    """Find identities over all cameras, and return the observations with them, in each camera's own frames.
 
     Args:
         rig: cameras with poses.
         observations: identities are each camera's own tracklets, or -1 for detections.
-        clocks: of every camera.
-        rng: draws the people that each camera's vertical is fitted to.
-        ground_m: height of the ground.
-        executor: works on cameras side by side.
+        clocks: clock of every camera.
+        rng: random numbers to sample the people to whom each camera's vertical is fitted.
+        ground_m: height of the ground, metres.
+        executor: processes cameras in parallel.
         tell: called for every camera that is done.
-        candidates: the pairs of cameras, a < b by their places in the rig, that are compared; None: all.
+        candidates: the pairs of cameras, a < b by their indices in the rig, that are compared; None: all.
     """
     level = rig.moved(np.eye(3), np.array([0.0, 0.0, -ground_m]))
     cameras = build_tracklets(level, observations, clocks, PERSON_HEIGHT_M, rng, executor, tell=tell)
     tracklets = Tracklets.of(cameras)
     offsets = np.array([clocks[camera.name].offset_s for camera in level])
-    # The cameras' own times include their offsets: none is left to add.
+    # The cameras' own times already include their offsets.
     nothing = ViewGraph((), (), np.zeros_like(offsets))
     person = cluster_by_rig(
         tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), PERSON_HEIGHT_M,
@@ -242,7 +241,7 @@ def identify_by_rig(
 
 
 def _name_people(camera: CameraTracklets, person: Ints) -> CameraObservations:
-    """What a camera saw, under the people's numbers (one for each of its tracklets) from 1 on."""
+    """Return a camera's observations with identities from 1; `person` (T,) has the person of each tracklet, from 0."""
     boxes, joints = (_rename_rows(part, person) for part in (camera.seen.boxes, camera.seen.keypoints))
     assert isinstance(boxes, Boxes)
     assert isinstance(joints, Keypoints)
@@ -250,7 +249,7 @@ def _name_people(camera: CameraTracklets, person: Ints) -> CameraObservations:
 
 
 def _rename_rows(part: Boxes | Keypoints, person: Ints) -> Boxes | Keypoints:
-    """Rows of a person, once in a frame: of two the one of the longer tracklet."""
+    """Replace tracklets by people, each once in a frame: of two rows of a person, that of the longer tracklet is kept."""
     rows = np.flatnonzero(part.identity > UNKNOWN)
     tracklet = part.identity[rows]
     who = person[tracklet] + 1

@@ -1,4 +1,4 @@
-"""What is watched and what came of it: options, moves, windows."""
+"""Options and results of the test of footage: moves and windows."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from passerby.core.quarter_turns import axes_turn, turn_pose, turn_sigma
 from passerby.monitoring.evidence import ChangePoint, MotionTest
 
 STEPS = 5
-"""Tests in each window: windows overlap, so that a move is seen well before a whole window lies behind it."""
+"""Number of tests for each length of a window: windows overlap, so that a move is noticed long before a whole window has passed
+after it."""
 LEAST_BUDGET_S, MOST_BUDGET_S = 0.001, 3600.0
 
 
 @dataclass(frozen=True)
 class WatchOptions:
-    """How footage is watched. Raises `InputError` for a value that cannot be."""
+    """Options of the test of footage. Raises `InputError` for an invalid value."""
 
     every_s: float = 60.0
-    """Length of a window."""
+    """Length of a window, seconds."""
     threshold: float = 4.7
-    """Score from which a camera has moved: see `evidence.MotionTest.score`. In 120 quiet hours tried out the largest were 4.4,
-    4.1, 3.5 and 3.3; of 120 bumps of a degree or 10 cm 117 went beyond 4.5 within a minute."""
+    """Score from which a camera has moved: see `evidence.MotionTest.score`. In 120 quiet hours the largest scores were 4.4,
+    4.1, 3.5 and 3.3; of 120 bumps of a degree or 10 cm 117 exceeded 4.5 within a minute."""
 
     budget_s: float | None = None
-    """Processor seconds for each camera and minute of recording: see `budget`. None: `budget.SITE_BUDGET_S` of a rig of many
-    cameras; else no footage is left out."""
+    """Processor seconds for each camera and minute of recording: see `budget`. None: `budget.SITE_BUDGET_S` for a rig of many
+    cameras; for others no footage is left out."""
 
     def __post_init__(self) -> None:
         if self.budget_s is not None and not LEAST_BUDGET_S <= self.budget_s <= MOST_BUDGET_S:
@@ -44,32 +45,32 @@ class WatchOptions:
 
     @property
     def step_s(self) -> float:
-        """From one test to the next."""
+        """Time from one test to the next, seconds."""
         return self.every_s / STEPS
 
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """A camera that is not where it was."""
+    """A camera that has moved."""
 
     camera: str
     noticed_s: float
-    """End of the window that gave it away."""
+    """End of the window in which the move was noticed, seconds."""
     moment: ChangePoint | None
-    """When it moved; None: before the footage began."""
+    """Time of the move; None: before the footage began."""
     score: float
     shift: Floats
     """(6,) centre (metres, world) and rotation vector (radians, camera frame) from the pose before to the new one."""
     covariance: Floats
-    """(6, 6) of `shift`."""
+    """(6, 6) covariance of `shift`."""
     pose: Pose | None
-    """The new pose, beside the other cameras' poses as the rig has them; None where too few people tell."""
+    """The new pose, relative to the other cameras' poses in the rig; None for too few people."""
     sigma: PoseSigma | None
     others: tuple[str, ...] = ()
-    """Cameras that may have moved instead: the people do not tell which."""
+    """Cameras that may have moved instead: the people do not determine which."""
 
     def turned(self, degrees: int) -> Move:
-        """The move of the camera whose images are turned clockwise by a multiple of 90 degrees."""
+        """Return the move of the camera after its images are turned clockwise by a multiple of 90 degrees."""
         if degrees % 360 == 0:
             return self
         block = np.eye(6)
@@ -89,7 +90,7 @@ class Window:
     tests: tuple[MotionTest, ...]
 
     def clear(self, camera: int) -> bool:
-        """Whether something can be said of a camera."""
+        """Check whether the window's test of a camera is sensitive enough (`MotionTest.is_clear`)."""
         return any(test.camera == camera and test.is_clear for test in self.tests)
 
 
@@ -100,10 +101,10 @@ class Watched:
     names: tuple[str, ...]
     moves: tuple[Move, ...]
     windows: tuple[Window, ...]
-    """Successive ones, without overlap."""
+    """Successive windows without overlap."""
     from_s: float
     until_s: float
     by_joints: bool = False
-    """Whether each window's cameras were adjusted anew (`readjusting`), or tested as they stand."""
+    """Whether the cameras were adjusted in each window (`watching.watch_adjusted`), instead of tested with fixed poses."""
     whole: tuple[Window, ...] = ()
-    """All the footage since the last move, compared with the rig at once; of many cameras, stretches of different lengths."""
+    """Tests of all the footage since the last move at once; with many cameras, stretches of different lengths."""

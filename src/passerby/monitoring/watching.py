@@ -1,7 +1,7 @@
-"""From observations to moves: windows are tested or readjusted; a move is found, dated, measured and given its pose.
+"""Detection of moves in footage: windows are tested or adjusted; moves are found, dated and measured, with the new poses.
 
-The test of `watching` holds all cameras but one. That is quick and works for hours of boxes; but it is blind where the others
-have moved as well, and knows no joints, of which half a minute is enough to calibrate by.
+The test by scores (`watch`) holds all cameras but one. It is quick and works for hours of boxes. But it fails if the others
+have moved as well, and does not use joints, of which half a minute is enough to calibrate (`watch_adjusted`).
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ from passerby.solver.readjustment import readjust
 __all__ = ["WatchOptions", "Watched", "watch"]
 
 BEFORE_WINDOWS = 5
-"""Windows before a move from which the pose before it is measured, at most."""
+"""Largest number of windows before a move, from which the pose before it is measured."""
 UNLIKELY, CLEARER = 1.5, 1.2
-"""Score of the cameras that are left from which it was not the one that was taken away: one case in thirty, and sixteen
-times less likely than with the best one taken away."""
+"""A removed camera did not move if the score of the rest is at least the first number (one case in thirty), and exceeds that
+without the best camera by the second (sixteen times less likely)."""
 MOST_SETS = 130
-"""Of cameras that are tried as those that moved together: all threes of ten cameras."""
+"""Largest number of sets of cameras that are tried as those that moved together: all threes of ten cameras."""
 SEED = 0
-"""Of the draw among too many observations."""
+"""Seed of the sample where there are too many observations."""
 ENOUGH = 0.05
-"""Of the people whom two cameras see at once, the share whose joints both have found: below, joints are the exception."""
+"""Least share, of the people whom two cameras see at once, whose joints both have found; below it, joints are the exception."""
 
 
 def watch(
@@ -58,22 +58,22 @@ def watch(
     tell: Progress = silent,
     span: tuple[float, float] | None = None,
 ) -> Watched:
-    """Watch footage.
+    """Test footage for moves, with the cameras held.
 
     Args:
         rig: poses, and their sigmas, as they were calibrated.
         seen: people with identities over all cameras.
         options: see `WatchOptions`.
-        ground: where feet are; z = 0 where None.
+        ground: plane of the feet; None: z = 0.
         tell: called with the number of windows that are done.
-        span: times from which and until which windows lie, seconds; those at which anybody was seen where None.
+        span: begin of the first window and end of the last one, seconds; None: the times at which people were seen.
     """
     run = _ScoreRun(rig, seen, options or WatchOptions(), ground or GroundPlane(), tell, span)
     return run.result()
 
 
 class _ScoreRun(WindowRun):
-    """Windows tested by what people ask the cameras to do, the cameras held."""
+    """Test of windows by the scores of people on the poses, with the cameras held."""
 
     def __init__(
         self, rig: Rig, seen: Sightings, options: WatchOptions, ground: GroundPlane, tell: Progress,
@@ -84,7 +84,7 @@ class _ScoreRun(WindowRun):
         self.scores = self._scores(self.start)
 
     def _test_cameras(self, from_s: float, until_s: float) -> list[MotionTest]:
-        # A stretch counts as soon as it is over.
+        # A stretch is used as soon as it has ended.
         over = until_s if until_s >= self.end else until_s - STRETCH_S + 1e-9
         window, quiet = self.scores.between(from_s, over), self.scores.between(self.known, from_s)
         self.baseline, self.known = self.baseline.with_quiet(quiet), max(self.known, from_s)
@@ -99,7 +99,7 @@ class _ScoreRun(WindowRun):
         return None if estimate is None else compare(R, centre, self.prior.estimate(), estimate, self.options.threshold)
 
     def _scores(self, from_s: float) -> Scores:
-        """The clusters from a time on, by the poses as they are now."""
+        """Compute the clusters from a time on, by the present poses."""
         seen = self.seen.without(np.isin(self.names, self.lost)) if self.lost else self.seen
         edges = np.append(np.arange(from_s, self.end, PIECE_S), np.inf)
         rotation, centre = poses_of(self.rig, self.names)
@@ -130,7 +130,7 @@ class _ScoreRun(WindowRun):
     def _find_culprits(
         self, from_s: float, until_s: float, cameras: list[int], others: list[int]
     ) -> tuple[list[int], list[int]]:
-        """The culprits by all that was seen after the move, within a window."""
+        """Find the cameras that moved by the footage after the move, within a window."""
         window = self.scores.between(from_s, until_s)
         found = run_motion_tests(window, self.baseline, (), self.options.threshold)
         if max((test.score for test in found), default=0.0) < self.options.threshold:
@@ -138,13 +138,13 @@ class _ScoreRun(WindowRun):
         return self._culprits(found, window)
 
     def _culprits(self, found: Sequence[MotionTest], window: Scores) -> tuple[list[int], list[int]]:
-        """The fewest cameras without which all others agree, and those that would do as well in place of a single one."""
+        """Find the fewest cameras without which all others agree, and those that may have moved in place of a single one."""
         limit, strength = self.options.threshold, {test.camera: test.score for test in found}
         cameras = sorted(strength, key=lambda c: -strength[c])
         best: tuple[int, ...] = (cameras[0],)
         for size in range(1, max(2, len(self.names) - 1)):
             sets = list(combinations(cameras, size))[:MOST_SETS]
-            # Two cameras that agree are needed to say that a third one does not.
+            # Two cameras that agree are needed to show that a third one does not.
             rest = {
                 freed: max((t.score for t in run_motion_tests(window, self.baseline, freed, limit)), default=0.0)
                 for freed in sets
@@ -162,7 +162,7 @@ class _ScoreRun(WindowRun):
         self, camera: int, cameras: list[int], others: list[int], moment: ChangePoint, noticed: float, until: float,
         score: float,
     ) -> None:  # fmt: skip
-        """Measure a camera's move, and go on with its new pose."""
+        """Measure and record a camera's move, and set its new pose."""
         name, every = self.names[camera], self.options.every_s
         gone = (*self.lost, *(self.names[c] for c in cameras if c != camera))
         after = self.seen.between(moment.seconds, max(until, moment.seconds + every))
@@ -190,7 +190,7 @@ class _ScoreRun(WindowRun):
 
 
 def _difference(rig: Rig, new: Resection, before: Resection | None) -> tuple[Floats, Floats]:
-    """(6,) the move and (6, 6) its covariance: from what was measured before it, or else from the rig's pose."""
+    """Return a move (6,) and its covariance (6, 6), from the pose that was measured before it, or else from the rig's pose."""
     if before is None:
         return new.shift, new.covariance + rig_covariance_of(rig, new.camera)
     turn = log_rotation(new.pose.R_cw @ before.pose.R_cw.T)
@@ -201,13 +201,13 @@ def _difference(rig: Rig, new: Resection, before: Resection | None) -> tuple[Flo
 
 
 def _add_rig_sigma(rig: Rig, new: Resection) -> PoseSigma:
-    """The sigma of a new pose: what people leave open, and what the rig's other cameras are off by."""
+    """Return the sigma of a new pose, from that of its measurement and the errors of the rig's other cameras."""
     others = [rig_covariance_of(rig, camera.name) for camera in rig.posed() if camera.name != new.camera]
     return PoseSigma.from_covariance(new.covariance + (np.mean(others, axis=0) / max(len(others), 1) if others else 0.0))
 
 
 def joints_are_shared(observations: Observations) -> bool:
-    """Whether cameras found joints of the same people at the same time steps, and not just now and then."""
+    """Check whether two cameras have joints of the same people at the same time steps, often enough compared with boxes."""
     both = {"boxes": 0, "keypoints": 0}
     for part in both:
         rows = [
@@ -220,7 +220,7 @@ def joints_are_shared(observations: Observations) -> bool:
 
 
 def joints_are_frequent(observations: Observations) -> bool:
-    """Whether `joints_are_shared` may hold once identities are known: there are joints, and not just now and then."""
+    """Check whether `joints_are_shared` may hold when identities are known: joints are frequent compared with boxes."""
     boxes, joints = (sum(len(getattr(seen, part)) for seen in observations.cameras.values()) for part in ("boxes", "keypoints"))
     return joints > 0 and joints >= ENOUGH * boxes
 
@@ -229,23 +229,23 @@ def watch_adjusted(
     rig: Rig, observations: Observations, seen: Sightings, options: WatchOptions | None = None, *,
     ground: GroundPlane | None = None, tell: Progress = silent, span: tuple[float, float] | None = None,
 ) -> Watched:  # fmt: skip
-    """Watch footage with joints.
+    """Test footage with joints for moves, by an adjustment of all cameras to each window.
 
     Args:
         rig: poses, and their sigmas, as they were calibrated.
         observations: people with identities over all cameras, at common time steps.
-        seen: the same people as rays (`gather_sightings`): they date a move.
+        seen: the same people as rays (`gather_sightings`), from which moves are dated.
         options: see `WatchOptions`.
-        ground: where feet are; z = 0 where None.
+        ground: plane of the feet; None: z = 0.
         tell: called with the number of windows that are done.
-        span: as of `watching.watch`.
+        span: as in `watch`.
     """
     run = _AdjustedRun(rig, observations, seen, options or WatchOptions(), ground or GroundPlane(), tell, span)
     return replace(run.result(), by_joints=True)
 
 
 class _AdjustedRun(WindowRun):
-    """Windows tested by adjusting all cameras to each."""
+    """Test of windows by an adjustment of all cameras to each window."""
 
     def __init__(
         self, rig: Rig, observations: Observations, seen: Sightings, options: WatchOptions, ground: GroundPlane,
@@ -256,9 +256,9 @@ class _AdjustedRun(WindowRun):
         self.clock = next(iter(observations.clocks.values()), None) or Clock(observations.fps or 1.0)
         self.comparison: Comparison | None = None
         self.tested = self.start, self.start
-        """From when to when `comparison` is,"""
+        """Begin and end of the footage of `comparison`, seconds."""
         self.quiet: list[Part] = []
-        """and those windows in which nothing moved."""
+        """The windows in which nothing moved."""
         self.weighed = False
 
     def _test_cameras(self, from_s: float, until_s: float) -> list[MotionTest]:
@@ -270,7 +270,7 @@ class _AdjustedRun(WindowRun):
     def _learn(self, found: Sequence[MotionTest]) -> None:
         if self.comparison is not None:
             from_s, until_s = self.tested
-            # The last window may overlap with the one before.
+            # The last window may overlap with the one before it.
             fresh = max([from_s, *(one.until_s for one in self.quiet)])
             share = (until_s - fresh) / max(until_s - from_s, 1e-9)
             shift, information = self.comparison.shift, share * self.comparison.information
@@ -283,7 +283,7 @@ class _AdjustedRun(WindowRun):
         end = self.end
 
         def until(after: float) -> float:
-            """When a window ends that begins after a move."""
+            """Return the end of a window that begins after a move."""
             return min(max(after + self.options.every_s, until_s), end)
 
         return until(
@@ -306,7 +306,7 @@ class _AdjustedRun(WindowRun):
         return compare(R, centre, self.prior.estimate(), estimate, self.options.threshold)
 
     def _compare_stretch(self, from_s: float, until_s: float) -> Comparison | None:
-        """The rig against what a stretch of footage shows; None where that is nothing."""
+        """Compare the rig with an adjustment to a stretch of footage; None without enough people."""
         use = list(range(len(self.names)))
         seen = self._cut_observations(from_s, until_s)
         while len(use) > 1:
@@ -315,7 +315,7 @@ class _AdjustedRun(WindowRun):
                 return None
             kept = [k for k in range(len(use)) if found.stretches[k] >= FEWEST_STRETCHES and k not in found.loose]
             if len(kept) == len(use):
-                # In every stretch of time people walk elsewhere, and are seen otherwise.
+                # The errors of people differ between stretches of time: they walk in other places.
                 covariance = found.covariance + np.kron(np.eye(len(use)), model_covariance())
                 estimate = Estimate(np.array(use), found.R, found.centre, covariance, found.stretches)
                 R, centre = poses_of(self.rig, self.names)
@@ -327,7 +327,7 @@ class _AdjustedRun(WindowRun):
         return None
 
     def _cut_observations(self, from_s: float, until_s: float) -> Observations:
-        """The footage at times of [from, until)."""
+        """Return the observations at times in [from, until)."""
 
         def part(seen: CameraObservations) -> CameraObservations:
             rows = [(s >= from_s) & (s < until_s) for s in map(self.clock.seconds, (seen.boxes.frame, seen.keypoints.frame))]
@@ -336,7 +336,7 @@ class _AdjustedRun(WindowRun):
         return replace(self.observations, cameras={name: part(seen) for name, seen in self.observations.cameras.items()})
 
     def _level(self, use: Sequence[int]) -> Rig:
-        """Some of the cameras where the baseline has them, the ground under them at about z = 0."""
+        """Return some of the cameras with the rig's poses, moved so that the ground under them is at about z = 0."""
         cameras = tuple(self.rig[self.names[c]] for c in use)
         places = np.array([camera.pose.centre[:2] for camera in cameras if camera.pose is not None])
         height = float(self.ground.at(places.mean(axis=0)[None])[0])

@@ -1,11 +1,11 @@
-"""Window after window of footage until a camera has moved, and the evidence of all windows added up.
+"""Test of footage window by window until a camera has moved, and test of the footage as a whole.
 
-A camera that was turned before the footage began is turned in every window alike. Where no window shows that by itself, the
-windows in which nothing seems to move are what the later ones are compared with. So all the footage since the last move is
-compared with the rig at the end, at once.
+A camera that was turned before the footage began is turned in every window alike. If no single window shows this, the quiet
+windows become the baseline with which later ones are compared, so that these do not show it either. So at the end, all the
+footage since the last move is compared with the rig at once.
 
-Both are a sum of squares that is quadratic in small changes of the poses. Its minimum is an estimate of the rig, which
-`comparison.compare` compares with what was known before.
+Both tests use a sum of squares that is quadratic in small changes of the poses. Its minimum is an estimate of the rig, which
+`comparison.compare` compares with the earlier knowledge.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from passerby.people.sightings import Sightings
 
 STAGE = "monitoring"
 PIECE_S = 600.0
-"""Of footage that is worked on at once: memory stays at some 100 MB."""
+"""Length of the footage that is processed at once, seconds: memory stays at some 100 MB."""
 FIRST_S = 15.0
-"""A move that seems to lie so near to the beginning of the footage cannot be distinguished from one before it."""
+"""A move in this time after the beginning of the footage, seconds, cannot be distinguished from one before it."""
 RIDGE = 1e-6
-"""Share of the diagonal that is added to it: position, heading and scale of the whole rig are free."""
+"""Share of the diagonal that is added to it, since position, heading and scale of the whole rig are free."""
 
 
 def span_of(seen: Sightings) -> tuple[float, float]:
-    """The first time at which a person was seen, and just after the last: seconds; zeros if there was none."""
+    """Return the first time at which a person was seen and the time just after the last, seconds; zeros without people."""
     if not seen.n_blocks:
         return 0.0, 0.0
     return float(seen.block_seconds.min()), float(seen.block_seconds.max()) + 1e-6
 
 
 class WindowRun(ABC):
-    """One footage on its way: poses change as cameras move."""
+    """Sequential test of footage; the poses are updated when cameras move."""
 
     def __init__(
         self, rig: Rig, seen: Sightings, options: WatchOptions, ground: GroundPlane, tell: Progress,
@@ -59,26 +59,26 @@ class WindowRun(ABC):
         self.start, self.end = span or span_of(seen)
         self.baseline = Baseline.of_rig(rig, self.names)
         self.prior, self.since = self.baseline, self.start
-        """What was known before the footage, or before what followed the last move, and when that begins."""
+        """Knowledge before the footage since the last move, or before all footage, and the begin of this footage, seconds."""
 
     @abstractmethod
     def _test_cameras(self, from_s: float, until_s: float) -> list[MotionTest]:
-        """The cameras' tests by a window."""
+        """Test the cameras with the footage of a window."""
 
     @abstractmethod
     def _learn(self, found: Sequence[MotionTest]) -> None:
-        """Take a quiet window for what is usual."""
+        """Add a quiet window to the baseline."""
 
     @abstractmethod
     def _record_move(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
-        """Who moved, when and by how much; returns the time at which watching begins anew."""
+        """Find the cameras that moved, the times and the sizes; return the time at which the next window begins."""
 
     @abstractmethod
     def _compare_since(self, from_s: float) -> Comparison | None:
-        """What was known before against all the footage from a time on; None where that is nothing."""
+        """Compare the earlier knowledge with all the footage from a time on; None without enough footage."""
 
     def result(self) -> Watched:
-        """Window after window."""
+        """Test the footage window by window, then as a whole, and return the result."""
         every, step = self.options.every_s, self.options.step_s
         origin, until, full = self.start, min(self.start + every, self.end), self.start + every
         total = max(1, int(np.ceil((self.end - self.start) / every)))
@@ -106,7 +106,7 @@ class WindowRun(ABC):
         return Watched(self.names, tuple(self.moves), tuple(self.windows), self.start, self.end, whole=whole)
 
     def _join_footage(self) -> tuple[Window, ...]:
-        """All the footage since the last move, compared at once."""
+        """Compare all the footage since the last move at once."""
         found = self._compare_since(self.since)
         if found is None:
             return ()
@@ -117,18 +117,18 @@ class WindowRun(ABC):
     def _settle_displaced(
         self, moved: Sequence[Displacement], from_s: float, until_s: float, again: Callable[[float], Comparison | None]
     ) -> float:
-        """Date the moves that a stretch of footage shows, and go on with the new poses; returns since when these hold.
+        """Date the moves that a stretch of footage shows, and set the new poses; return the time from which these hold.
 
         Args:
             moved: the cameras that moved.
-            from_s: when the stretch begins,
-            until_s: and when it ends.
-            again: compares the footage from a time on, for cameras that moved within the stretch.
+            from_s: begin of the stretch, seconds.
+            until_s: end of the stretch, seconds.
+            again: function that compares the footage from a time on, for cameras that moved within the stretch.
         """
         moments = self._date_moves(moved, from_s, until_s)
         after = max([from_s, *(moment.seconds for moment in moments.values())])
         if after > from_s + FIRST_S:
-            # Some of the stretch shows the cameras where they were before.
+            # A part of the stretch shows the cameras before their moves.
             late = again(after)
             if late is not None and late.moved:
                 moved, moments = late.moved, self._date_moves(late.moved, from_s, until_s)
@@ -137,7 +137,7 @@ class WindowRun(ABC):
         return after
 
     def _date_moves(self, moved: Sequence[Displacement], from_s: float, until_s: float) -> dict[int, ChangePoint]:
-        """When cameras moved; nothing of those whose people no camera saw that stood still."""
+        """Find the times at which cameras moved; none for a camera whose people no camera at rest saw."""
         cameras, found = [one.camera for one in moved], dict[int, ChangePoint]()
         for camera in cameras:
             seen = self._drop_movers(camera, cameras, from_s, until_s)
@@ -147,7 +147,7 @@ class WindowRun(ABC):
         return found
 
     def _settle_one(self, one: Displacement, moment: ChangePoint | None, noticed: float) -> None:
-        """Note a move, and go on with the camera's new pose."""
+        """Record a move, and set the camera's new pose."""
         name = self.names[one.camera]
         if moment is not None and moment.seconds - self.start < FIRST_S:
             moment = None
@@ -159,12 +159,12 @@ class WindowRun(ABC):
         self.rig = replace(self.rig, cameras=tuple(cameras))
 
     def _moments(self, cameras: Sequence[int], from_s: float, until_s: float) -> list[ChangePoint]:
-        """When each of the cameras moved, by those that did not; some time in the window where these saw none of its people."""
+        """Find the time at which each camera moved, by those at rest; the whole window if these saw none of its people."""
         whole = ChangePoint(from_s, from_s, until_s)
         return [self._moment(camera, self._drop_movers(camera, cameras, from_s, until_s)) or whole for camera in cameras]
 
     def _drop_movers(self, camera: int, moved: Sequence[int], from_s: float, until_s: float) -> Sightings:
-        """What was seen about a window by a camera and by those that did not move."""
+        """Return the sightings around a window by a camera and by those that did not move."""
         every = self.options.every_s
         seen = self.seen.between(max(self.start, from_s - every), min(until_s + every / 2, self.end))
         if until_s - from_s > PIECE_S:
@@ -173,34 +173,34 @@ class WindowRun(ABC):
         return seen.without(np.isin(self.names, [*self.lost, *(self.names[c] for c in moved if c != camera)]))
 
     def _moment(self, camera: int, seen: Sightings) -> ChangePoint | None:
-        """When a camera moved; None where nothing tells."""
+        """Find the time at which a camera moved; None if no person was seen by two cameras."""
         return estimate_change_point(self.rig, seen, self.names[camera], self.baseline, self.ground)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What a window shows that was adjusted: C cameras, relative to the rig's poses."""
+    """Result of a window that was adjusted: the poses of C cameras, relative to the rig's poses."""
 
     from_s: float
     until_s: float
     shift: Floats
-    """(6 C,)"""
+    """(6 C,) changes of the poses."""
     information: Floats
-    """(6 C, 6 C) nothing along similarities."""
+    """(6 C, 6 C) information on `shift`; 0 along similarities."""
     stretches: Floats
-    """(C,) of people."""
+    """(C,) number of stretches of people."""
 
 
 def estimate_by_scores(R: Floats, centre: Floats, scores: Scores) -> Estimate | None:
-    """By boxes. Each stretch of a person counts once, and their scatter is in the covariance.
+    """Estimate the poses from boxes. Each stretch of a person counts once, and their scatter is in the covariance.
 
     Args:
-        R: (C, 3, 3) the poses about which the scores are: world to camera,
-        centre: (C, 3) and centres, metres.
-        scores: of the footage.
+        R: (C, 3, 3) rotations, world to camera, of the poses about which the scores are.
+        centre: (C, 3) centres of these poses, metres.
+        scores: scores of the footage.
 
     Returns:
-        The estimate; None where fewer than two cameras have enough stretches.
+        The estimate; None if fewer than two cameras have enough stretches.
     """
     stretches = np.count_nonzero(scores.counts, axis=0)
     cameras = np.flatnonzero(stretches >= FEWEST_CLUSTERS)
@@ -217,15 +217,15 @@ def estimate_by_scores(R: Floats, centre: Floats, scores: Scores) -> Estimate | 
 
 
 def estimate_by_parts(R: Floats, centre: Floats, parts: Sequence[Part]) -> Estimate | None:
-    """By windows that were adjusted. Where they differ by more than they state, that is in the covariance.
+    """Estimate the poses from adjusted windows. If they differ by more than their sigmas, the covariance is increased.
 
     Args:
-        R: (C, 3, 3) the poses relative to which the windows' shifts are: world to camera,
-        centre: (C, 3) and centres, metres.
+        R: (C, 3, 3) rotations, world to camera, of the poses to which the windows' shifts are relative.
+        centre: (C, 3) centres of these poses, metres.
         parts: windows without overlap.
 
     Returns:
-        The estimate; None where fewer than two cameras have enough stretches.
+        The estimate; None if fewer than two cameras have enough stretches.
     """
     stretches = np.floor(np.sum([one.stretches for one in parts], axis=0) + 1e-9).astype(np.int64)
     cameras = np.flatnonzero(stretches >= FEWEST_STRETCHES)
@@ -248,12 +248,12 @@ def estimate_by_parts(R: Floats, centre: Floats, parts: Sequence[Part]) -> Estim
 
 
 def _rows(cameras: Ints) -> Ints:
-    """(6 K,) unknowns of cameras (K,)."""
+    """Return the indices (6 K,) of the unknowns of cameras (K,)."""
     return np.asarray((6 * cameras[:, None] + np.arange(6)).ravel())
 
 
 def _add_ridge(information: Floats, cameras: Ints) -> Floats:
-    """(6 K, 6 K) of some cameras (K,), invertible."""
+    """Return the information (6 K, 6 K) of some cameras (K,), made invertible by a ridge."""
     own = _rows(cameras)
     known = information[np.ix_(own, own)]
     return np.asarray(known + RIDGE * np.diag(np.diag(known)))
@@ -262,9 +262,9 @@ def _add_ridge(information: Floats, cameras: Ints) -> Floats:
 def _estimate(
     R: Floats, centre: Floats, cameras: Ints, shift: Floats, covariance: Floats, stretches: Ints
 ) -> Estimate:  # fmt: skip
-    """The poses after small changes (6 K,) of the cameras (K,)."""
+    """Return the poses after small changes (6 K,) of the cameras (K,)."""
     n, change = len(cameras), shift.reshape(-1, 6)
     turned = np.array([exp_rotation(own[3:]) @ old for own, old in zip(change, R[cameras], strict=True)])
     placed = centre[cameras] + change[:, :3]
-    # In all the footage as in each window, people seem to move a camera by so much.
+    # The errors by which people seem to move a camera do not average out over the footage.
     return Estimate(cameras, turned, placed, covariance + np.kron(np.eye(n), model_covariance()), stretches[cameras])

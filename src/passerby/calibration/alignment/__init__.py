@@ -1,4 +1,4 @@
-"""The world's frame: from known points and positions, a plan, or a scene file's wishes; and a folder moved into it.
+"""The world frame of a rig by cameras, known points, known positions, a plan, marked lines or a scene file.
 
-Imports what `calibration` may.
+Also moves an output folder into another frame. It may import the same packages as `calibration`.
 """

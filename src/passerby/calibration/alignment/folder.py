@@ -1,4 +1,4 @@
-"""The output folder of a calibration in another frame of the world."""
+"""Writing of a calibration's output folder in another world frame."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ from passerby.interchange.storage.atomic import forget_halves, write_bytes
 from passerby.interchange.storage.transaction import transaction, whole_folder
 
 OLD_FRAME = {"trajectories": "passerby track"}
-"""What other commands leave in an output folder that holds places in the world, and the command that makes it again."""
+"""Contents of an output folder with world coordinates that other commands wrote -> the command that makes them again."""
 
 
 def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = silent) -> list[str]:
-    """Write a whole output folder in another frame, into a new folder or in place; tracks are in pixels and stay as they are.
+    """Write a whole output folder in another frame, into a new folder or in place; tracks are in pixels and do not change.
 
-    The report is made again where there was one.
+    If there was a report, it is made again.
 
     Args:
-        out: output folder of `passerby calibrate`; locked for this process where it is the target (`together.working_in`).
+        out: output folder of `passerby calibrate`; if it is the target, the caller must hold its lock (`folder_lock`).
         target: the same folder, a new one or an empty one.
         aligned: its rig in the new frame.
-        tell: called for the report, camera by camera.
+        tell: called with the progress of the report, camera by camera.
 
     Returns:
-        What in the target still shows the old frame, or is not there, one sentence each.
+        One sentence for each part of the folder, and for each group, that still has the old frame or was not written.
 
     Raises:
-        InputError: `out` is no output folder; `target` holds something else, or cannot be written.
+        InputError: `out` is no output folder; or `target` has other contents, or cannot be written.
     """
     document = _in_new_frame(out, read_report(out), aligned)
     with_report = (out / REPORT_FILE).is_file()
@@ -70,7 +70,7 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
     with whole_folder(target, CALIBRATION_FILE, "a calibration") as new:
         for path in sorted((out / TRACKS_FOLDER).glob("*.*")):
             write_bytes(new / TRACKS_FOLDER / path.name, path.read_bytes())
-        # Folders of further groups do not come along.
+        # Folders of further groups are not copied.
         _write_moved(new, replace(document, groups=None), aligned)
     _report_again(with_report, target, tell)
     again = [f"{out / name} uses the old frame: write it in the new one with `{OLD_FRAME[name]} {target}`" for name in old]
@@ -78,7 +78,7 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
 
 
 def _write_moved(folder: Path, document: CalibrationDocument, aligned: Aligned) -> None:
-    """What changes with the frame: the rig, and the document with the rig's checksum."""
+    """Write the files that change with the frame: the rig, and the document with the rig's checksum."""
     write_rig(folder / RIG_FILE, aligned.rig)
     files = None if document.files is None else {**document.files, RIG_FILE: checksum(folder / RIG_FILE)}
     write_document(folder, replace(document, files=files))
@@ -94,7 +94,7 @@ def _report_again(wanted: bool, folder: Path, tell: Progress) -> None:
 
 
 def _in_new_frame(out: Path, document: CalibrationDocument, aligned: Aligned) -> CalibrationDocument:
-    """What `calibration.json` tells, in the new frame."""
+    """Return the contents of `calibration.json` in the new frame."""
     entries, names = entries_of(out, document, aligned.rig), aligned.rig.names
     return replace(
         document,

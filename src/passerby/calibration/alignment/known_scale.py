@@ -1,4 +1,4 @@
-"""Known places as a scale cue: a rig that `[world]` enlarges makes people taller, faster and wider."""
+"""Known places as a scale cue: if `[world]` enlarges a rig, its people become taller, faster and wider."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from passerby.solver.cue_agreement import CODE, check_cue_consistency
 
 
 def check_known_scale(solution: Solution, aligned: AlignedSolution) -> tuple[Solution, AlignedSolution]:
-    """Both with the scale of the known places among the scale cues, and with the contradictions of all cues.
+    """Add the scale of the known places to the scale cues of both, and find the contradictions between all cues.
 
-    Unchanged where `[world]` sets no scale, or where its plan is a cue of the adjustment already.
+    Both stay unchanged if `[world]` sets no scale, or if its plan is already a cue of the adjustment.
     """
     figures, placed = solution.figures, aligned.figures
     if not isinstance(figures, AdjustedFigures) or not isinstance(placed, AdjustedFigures):
@@ -33,7 +33,7 @@ def check_known_scale(solution: Solution, aligned: AlignedSolution) -> tuple[Sol
 
 
 def _known_places(rig: Rig, aligned: AlignedSolution) -> CueFigures | None:
-    """The cue of the known places; lengths are the size of the rig in their world and before."""
+    """Return the cue of the known places; its lengths are the size of the rig in their world and before."""
     if not aligned.world.get("scale_fitted"):
         return None
     factor, sigma = float(aligned.world["scale"]), float(aligned.world["scale_sigma"])

@@ -1,4 +1,4 @@
-"""Lengths that are marked in cameras, by a rig: between two ends, and against what is known of them."""
+"""Measurement of lengths that are marked in cameras of a rig, and their comparison with known lengths."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from passerby.findings.finding import Finding, doubt, notice
 from passerby.scene.scale_tables import CheckTable
 
 OFF_SIGMAS = 3.0
-"""A check length that is off by more lets no rig be accepted: one in 370 by chance."""
+"""A check length that is off by more sigmas is a doubt, so that the rig is not accepted: one in 370 by chance."""
 
 Pixel = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A length that is marked in two or more cameras, by the rig as it is."""
+    """A length that is marked in two or more cameras, as the rig measures it."""
 
     metres: float
     sigma_m: float
-    """From the clicks alone; the scale of the rig is another matter."""
+    """One sigma by the clicks alone, without the uncertainty of the rig's scale."""
     residual_px: float
-    """Largest distance of a mark from where the triangulated end is seen."""
+    """Largest distance between a mark and the projection of the triangulated end, pixels."""
 
 
 def measure_length(rig: Rig, points: Mapping[str, Sequence[Pixel]]) -> Measured:
-    """The length between two ends, each marked in the same two or more cameras.
+    """Measure the length between two ends, each marked in the same two or more cameras.
 
-    Raises `InputError` where the marks have no common points: fewer than two cameras, parallel rays, points behind a camera.
+    Raises `InputError` if the marks cannot be triangulated: fewer than two cameras, parallel rays, points behind a camera.
     """
     marks = {name: np.asarray(ends, dtype=np.float64).reshape(2, 2) for name, ends in points.items()}
     ends = rig.triangulate(marks)
@@ -54,12 +54,12 @@ def measure_length(rig: Rig, points: Mapping[str, Sequence[Pixel]]) -> Measured:
 
 
 def check_lengths(checks: Sequence[CheckTable], rig: Rig, scale_sigma: float | None) -> tuple[CheckedLength, ...]:
-    """Known lengths by a finished rig.
+    """Measure known lengths by a finished rig.
 
     Args:
-        checks: as the scene file has them.
-        rig: its frame and scale as they are written.
-        scale_sigma: relative one sigma of all its lengths; None where nothing fixes the scale.
+        checks: the check lengths of the scene file.
+        rig: the rig, in the frame and the scale in which it is written.
+        scale_sigma: relative one sigma of all its lengths; None if nothing fixes the scale.
     """
     own = position_sds(rig, True)
     found = []
@@ -82,7 +82,7 @@ def check_lengths(checks: Sequence[CheckTable], rig: Rig, scale_sigma: float | N
 
 
 def findings_of_checks(checks: Sequence[CheckedLength] | None) -> tuple[Finding, ...]:
-    """A doubt for each check length that is off by more than `OFF_SIGMAS`, a notice for each that cannot be measured."""
+    """Return a doubt for each check length that is off by more than `OFF_SIGMAS`, and a notice for each unmeasurable one."""
     found = []
     for one in checks or ():
         if one.measured_m is None:
@@ -94,7 +94,7 @@ def findings_of_checks(checks: Sequence[CheckedLength] | None) -> tuple[Finding,
 
 
 def _measured(check: CheckTable, rig: Rig, posed: Sequence[str]) -> Measured | None:
-    """A check length by the cameras with poses; None where these are fewer than two."""
+    """Measure a check length by the cameras with poses; None for fewer than two of them."""
     if len(posed) < 2:
         return None
     if check.points is not None:

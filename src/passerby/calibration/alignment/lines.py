@@ -1,8 +1,8 @@
-"""The vertical and the heading by straight things that a user marks: door frames, edges of houses, court lines.
+"""The vertical and the heading of a rig by straight lines that a user marks: door frames, edges of houses, court lines.
 
-Two pixels of a straight line and a camera's centre span a plane in which the line lies. The plane of a vertical line holds
-the vertical. The planes of two cameras meet in the line, whose direction is level where the line is horizontal. A rig's own
-vertical, by upright people, counts with its sigma beside the lines.
+Two pixels of a straight line and a camera's centre span a plane that contains the line. The plane of a vertical line
+contains the vertical. The planes of two cameras intersect in the line, whose direction is level if the line is horizontal. The
+rig's own vertical, by upright people, is used as a further observation, with its sigma.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ from passerby.findings.finding import Finding, notice
 from passerby.geometry.rotations import Similarity, exp_rotation
 
 OFF_SIGMAS = 3.0
-"""A line that contradicts the vertical by more is named and left out, where the others and the people agree without it."""
+"""A line that contradicts the vertical by more sigmas is reported and left out."""
 LEAST_ANGLE = np.radians(3.0)
-"""Between the planes of two cameras: below, their line has no direction to speak of."""
+"""Least angle between the planes of two cameras; below it, their intersection has no usable direction."""
 STEP_PX = 0.5
-"""Of numerical derivatives."""
+"""Step of the numerical derivatives, pixels."""
 
 Pixel = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class MarkedLine:
-    """A straight thing of known direction."""
+    """A straight line of known direction."""
 
     direction: Literal["vertical", "horizontal", "x"]
     points: Mapping[str, tuple[Pixel, Pixel]]
-    """camera -> two pixels on it. Of direction "x", x runs from the first to the second one."""
+    """camera name -> two pixels on the line. For direction "x", x runs from the first pixel to the second."""
 
 
 @dataclass(frozen=True)
 class LineAngle:
-    """A line by the rig as it is."""
+    """Angle between a marked line and its stated direction, by the rig as it is."""
 
     off_deg: float
-    """Angle between the line and what it should be: the vertical, or the level."""
+    """Angle between the line and its stated direction: the vertical, or the horizontal plane."""
     sigma_deg: float
-    """One sigma of it: of the clicks, and of what the orientations of the cameras do not have in common."""
+    """One sigma of the angle, by the clicks and by the part of the cameras' orientation errors that they do not share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,31 +57,31 @@ class _Row:
     line: int
     cameras: tuple[str, ...]
     normal: Floats
-    """(3,) unit, world: of a camera's plane through a vertical line, or along a horizontal line."""
+    """(3,) unit vector, world: normal of a camera's plane through a vertical line, or direction of a horizontal line."""
     sigma: float
-    """Radians."""
+    """One sigma of the equation's angle, radians."""
 
     def off_deg(self, up: Floats) -> float:
-        """Angle between the line and what it should be by a vertical (3,)."""
+        """Return the angle between the line and its stated direction, for a vertical `up` (3,)."""
         return float(np.degrees(np.arcsin(np.clip(self.normal @ up, -1.0, 1.0))))
 
     def told(self, up: Floats, used: bool) -> dict[str, Any]:
-        """JSON-ready."""
+        """Return the figures of the row for a vertical `up` (3,), JSON-ready."""
         sigma_deg = float(np.degrees(self.sigma))
         told = {"number": self.line + 1, "cameras": list(self.cameras), "used": used}
         return {**told, "off_deg": self.off_deg(up), "sigma_deg": sigma_deg}
 
 
 def align_to_lines(rig: Rig, lines: Sequence[MarkedLine], vertical_sigma_deg: float | None = None) -> Aligned:
-    """The rig with its vertical corrected by lines, and turned until x runs along those of direction "x".
+    """Correct the vertical of a rig by marked lines, and turn it until x runs along the lines of direction "x".
 
     Args:
-        rig: world z up by people, ground at z = 0 there where the cameras are.
-        lines: as they are marked; cameras without a pose say nothing.
-        vertical_sigma_deg: one sigma of the angle between its vertical and the true one; None: as of a rig without sigmas.
+        rig: its world z axis points up by people; its ground is at z = 0 near the cameras.
+        lines: the marked lines; cameras without a pose are not used.
+        vertical_sigma_deg: one sigma of the angle between the rig's vertical and the true one; None: `UNKNOWN_ORIENTATION_DEG`.
 
     Raises:
-        InputError: a camera that the rig does not have, or a pixel outside what its lens can see.
+        InputError: the rig lacks a camera, or a pixel is outside the range of its lens.
         EvidenceError: no camera of any line has a pose.
     """
     sigma_deg = UNKNOWN_ORIENTATION_DEG if vertical_sigma_deg is None else vertical_sigma_deg
@@ -95,7 +95,7 @@ def align_to_lines(rig: Rig, lines: Sequence[MarkedLine], vertical_sigma_deg: fl
     pivot = np.append(np.mean([camera.centre[:2] for camera in rig.posed()], axis=0), 0.0)
     angle, heading_sigma = _mean_heading([(level @ direction, sigma) for _, direction, sigma in along])
     turn = exp_rotation(np.array([0.0, 0.0, -angle])) @ level
-    # The ground keeps its height amid the cameras, and the origin stays below the camera where it was.
+    # The ground keeps its height in the middle of the cameras, and the origin stays below the same camera.
     motion = Similarity(1.0, turn, exp_rotation(np.array([0.0, 0.0, -angle])) @ (pivot - level @ pivot))
     notes: list[Finding] = [
         notice("line_off", *row.cameras, number=row.line + 1, off_deg=abs(row.off_deg(up)))
@@ -113,7 +113,7 @@ def align_to_lines(rig: Rig, lines: Sequence[MarkedLine], vertical_sigma_deg: fl
 
 
 def measure_line(rig: Rig, line: MarkedLine, vertical_sigma_deg: float | None = None) -> LineAngle | None:
-    """How far a line is off the rig's own vertical or level; None for a horizontal line that one camera sees.
+    """Compute the angle between a line and the rig's own vertical or level; None for a horizontal line that one camera sees.
 
     Raises as `align_to_lines` does.
     """
@@ -134,7 +134,7 @@ def _posed(rig: Rig, line: MarkedLine) -> list[str]:
 
 
 def _rows(rig: Rig, number: int, line: MarkedLine, vertical_sigma_deg: float) -> list[_Row]:
-    """What a line says of the vertical."""
+    """Return the equations for the vertical that a line gives."""
     names = _posed(rig, line)
     own = {name: _own_sd(rig[name], vertical_sigma_deg) for name in names}
     if line.direction == "vertical":
@@ -151,20 +151,20 @@ def _rows(rig: Rig, number: int, line: MarkedLine, vertical_sigma_deg: float) ->
 
 
 def _own_sd(camera: Camera, vertical_sigma_deg: float) -> float:
-    """Of a camera's orientation about one axis beyond the vertical that all cameras share, radians."""
+    """Return the sigma of a camera's orientation about one axis, without the error of the shared vertical, radians."""
     total, shared = angle_sd(camera), np.radians(vertical_sigma_deg) / np.sqrt(2)
     return float(np.sqrt(max(total**2 - shared**2, (OWN_SHARE * total) ** 2)))
 
 
 def _plane(camera: Camera, ends: Sequence[Pixel]) -> Floats:
-    """(3,) unit normal in the world of the plane through a camera's centre and two of its pixels."""
+    """Return the unit normal (3,), world, of the plane through a camera's centre and two of its pixels."""
     first, second = _rays(camera, ends)
     normal = np.cross(first, second)
     return np.asarray(normal / np.linalg.norm(normal))
 
 
 def _rays(camera: Camera, ends: Sequence[Pixel]) -> Floats:
-    """(2, 3) unit rays in the world."""
+    """Return the unit rays (2, 3) of two pixels, world."""
     assert camera.pose is not None
     bearings = camera.lens.bearings(np.asarray(ends, dtype=np.float64))
     for (u, v), bearing in zip(ends, bearings, strict=True):
@@ -174,7 +174,7 @@ def _rays(camera: Camera, ends: Sequence[Pixel]) -> Floats:
 
 
 def _sigma(rig: Rig, line: MarkedLine, names: tuple[str, ...], own: Mapping[str, float]) -> float:
-    """Of a row's angle with the vertical, by clicks and by the cameras' own orientations, radians."""
+    """Return the sigma of a row's angle with the vertical, by the clicks and the cameras' own orientations, radians."""
 
     def height(moved: Mapping[str, Sequence[Pixel]]) -> float:
         planes = [_plane(rig[name], moved[name]) for name in names]
@@ -196,9 +196,9 @@ def _sigma(rig: Rig, line: MarkedLine, names: tuple[str, ...], own: Mapping[str,
 
 
 def _vertical(rows: Sequence[_Row], prior: float) -> tuple[Floats, Floats, list[bool]]:
-    """(3,) the vertical by lines and people, (2, 2) its covariance across, radians^2, and which rows were used.
+    """Return the vertical (3,) by lines and people, its covariance (2, 2) in x and y, radians^2, and whether each row was used.
 
-    While one is off by more than `OFF_SIGMAS`, the worst is left out.
+    While a row is off by more than `OFF_SIGMAS`, the worst one is left out.
     """
     used = [True] * len(rows)
     while True:
@@ -218,14 +218,14 @@ def _vertical(rows: Sequence[_Row], prior: float) -> tuple[Floats, Floats, list[
 
 
 def _turn_to(up: Floats) -> Floats:
-    """(3, 3) the smallest turn that makes `up` (3,) the z axis."""
+    """Return the smallest rotation (3, 3) that turns `up` (3,) into the z axis."""
     axis = np.cross(up, [0.0, 0.0, 1.0])
     size = float(np.linalg.norm(axis))
     return np.eye(3) if size < 1e-15 else exp_rotation(axis / size * np.arctan2(size, up[2]))
 
 
 def _heading(rig: Rig, line: MarkedLine) -> tuple[Floats, float]:
-    """(3,) a level direction along a line of direction "x", and the sigma of its heading, radians."""
+    """Return the level direction (3,) of a line of direction "x", and the sigma of its heading, radians."""
     directions, weights = [], []
     for name in _posed(rig, line):
         first, second = line.points[name]
@@ -243,7 +243,7 @@ def _heading(rig: Rig, line: MarkedLine) -> tuple[Floats, float]:
 
 
 def _level(camera: Camera, ends: Sequence[Pixel]) -> Floats:
-    """(3,) unit direction that is level in the plane of two pixels, from the first to the second one."""
+    """Return the level unit direction (3,) in the plane of two pixels, from the first pixel to the second."""
     rays, normal = _rays(camera, ends), _plane(camera, ends)
     direction = np.array([normal[1], -normal[0], 0.0])
     if np.linalg.norm(direction) < 1e-9:
@@ -253,7 +253,7 @@ def _level(camera: Camera, ends: Sequence[Pixel]) -> Floats:
 
 
 def _mean_heading(found: Sequence[tuple[Floats, float]]) -> tuple[float, float | None]:
-    """The heading of x lines, radians from the rig's x axis, and its sigma; 0 and None without any."""
+    """Return the mean heading of x lines from the rig's x axis, and its sigma, radians; 0 and None without lines."""
     if not found:
         return 0.0, None
     weights = np.array([1 / sigma**2 for _, sigma in found])

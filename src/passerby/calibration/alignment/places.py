@@ -1,4 +1,4 @@
-"""Points and camera positions with known coordinates, and what a rig tells of them: rays, places and their sigmas."""
+"""Points and camera positions with known coordinates: their rays and places in a rig, and the sigmas of these."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from passerby.findings.finding import Finding, notice
 from passerby.geometry.geodesy import east_north_up, mean_place
 
 CLICK_SD_PX = 2.0
-"""How well a person clicks on a mark."""
+"""Standard deviation of a person's click on a mark, pixels."""
 OWN_SHARE = 0.1
-"""Of a camera's sigma at least so much is its own: 2 to 50 per cent by the adjustment, usually about 10 (PETS, WILDTRACK)."""
+"""Least share of a camera's sigma that no other camera shares: 2 to 50 per cent by the adjustment, usually about 10 (PETS,
+WILDTRACK)."""
 UNKNOWN_ORIENTATION_DEG = 0.2
-"""Of a rig without sigmas."""
+"""Standard deviation of the orientation in a rig without sigmas."""
 
 
 def visible_points(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[KnownPoint, Camera, Floats]], list[Finding]]:
-    """Each sighting with its camera and its ray in the rig's world; notices on those that cannot be used."""
+    """Return each sighting of a known point with its camera and its ray (3,), world; and notices on those not usable."""
     rows, lost = [], dict[str, int]()
     for point in points:
         for name, (u, v) in point.pixels.items():
@@ -48,7 +49,7 @@ def visible_points(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[K
 
 
 def local_places(place: Floats, cameras: Sequence[Camera]) -> tuple[Floats, Floats]:
-    """Geodetic places (N, 3) as metres, and their origin: amid them, and as high as the ground by their altitudes."""
+    """Convert geodetic places (N, 3) to metres, and return their origin: their mean, at the altitude of the ground."""
     origin = mean_place(np.where(np.isfinite(place), place, 0.0))
     above = np.array([camera.centre[2] for camera in cameras])
     known = np.isfinite(place[:, 2])
@@ -58,7 +59,10 @@ def local_places(place: Floats, cameras: Sequence[Camera]) -> tuple[Floats, Floa
 
 
 def position_sds(rig: Rig, with_scale: bool, tilt: bool = False) -> dict[str, float]:
-    """By camera, of one coordinate of its place in the rig, metres; without what a fit of the scale or the tilt decides."""
+    """Return the sigma of one coordinate of each camera's place in the rig, metres, by camera.
+
+    With `with_scale` or `tilt`, the part that all cameras share by the scale or the vertical is removed: a fit determines it.
+    """
     own = own_covariances(rig, with_scale=with_scale, tilt=tilt)
     sizes = _sizes_without_scale(rig) if with_scale else _stated_sizes(rig)
     sizes |= {name: float(np.sqrt(np.trace(covariance[:3, :3]))) for name, covariance in own.items()}
@@ -66,15 +70,16 @@ def position_sds(rig: Rig, with_scale: bool, tilt: bool = False) -> dict[str, fl
 
 
 def _stated_sizes(rig: Rig) -> dict[str, float]:
-    """By camera, one sigma of its position; 0 for an infinite one, which is that of the rig as a whole."""
+    """Return one sigma of each camera's position; 0 for an infinite one, which belongs to the rig as a whole."""
     sigmas = {camera.name: 0.0 if camera.sigma is None else camera.sigma.position_m for camera in rig.posed()}
     return {name: sd if np.isfinite(sd) else 0.0 for name, sd in sigmas.items()}
 
 
 def _sizes_without_scale(rig: Rig) -> dict[str, float]:
-    """The same where no covariances are stated, without the scale: as much of it as fits into the sigmas of all cameras.
+    """Return the sigmas of `_stated_sizes` without the scale, for cameras without covariances.
 
-    The scale moves each camera by its distance from the middle.
+    The scale moves each camera in proportion to its distance from the middle. The largest scale error that fits into the sigmas
+    of all cameras is removed.
     """
     total, posed = _stated_sizes(rig), rig.posed()
     if not len(posed):
@@ -88,14 +93,14 @@ def _sizes_without_scale(rig: Rig) -> dict[str, float]:
 
 
 def angle_sd(camera: Camera) -> float:
-    """Of the camera's orientation about one axis, radians."""
+    """Return one sigma of the camera's orientation about one axis, radians."""
     if camera.sigma is None or not np.isfinite(camera.sigma.orientation_deg):
         return float(np.radians(UNKNOWN_ORIENTATION_DEG))
     return float(np.radians(camera.sigma.orientation_deg / np.sqrt(3)))
 
 
 def camera_of(rig: Rig, name: str) -> Camera:
-    """A camera by name. Raises `InputError` where there is none."""
+    """Return a camera by name. Raises `InputError` if the rig does not have it."""
     if name not in rig.names:
         raise InputError(f"the rig has no camera {name}: it has {', '.join(rig.names)}")
     return rig[name]

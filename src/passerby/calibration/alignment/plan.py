@@ -1,4 +1,4 @@
-"""A rig laid upon a floor plan: origin, heading and, where it is asked for, the scale."""
+"""Alignment of a rig with a floor plan: origin, heading and, on request, the scale."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from passerby.geometry.rotations import Similarity, exp_rotation
 from passerby.solver.plan_rows import PlanRows, Settled, plan_rows
 
 LEAST_RIG_SD_M = 1e-3
-"""Of a camera's place by the rig, however sure the rig is."""
+"""Least standard deviation of a camera's place by the rig, also if the rig states a smaller one."""
 
 
 class PlanRefusedError(EvidenceError):
-    """No rig can be laid upon this plan, which lets no rig be accepted either (exit status 3)."""
+    """A plan contradicts the rig, so no rig with this plan can be accepted (exit status 3)."""
 
     def __init__(self, finding: Finding) -> None:
         super().__init__(text_of(finding))
@@ -35,18 +35,18 @@ class PlanRefusedError(EvidenceError):
 
 
 def align_to_plan(rig: Rig, plan: FloorPlan, image: Path, *, with_scale: bool = False) -> Aligned:
-    """The rig in the frame of a plan: x to the right and y up on it, metres, z = 0 the ground that people walk on.
+    """Move a rig into the frame of a plan: x to the right and y up on the plan, metres; people walk at z = 0.
 
     Args:
         rig: at least one camera has a pose.
-        plan: with its origin.
-        image: its picture, which a report shows: absolute, or from the scene file's folder.
-        with_scale: whether lengths become those of the plan. Otherwise they stay.
+        plan: the plan, with its origin.
+        image: path of its picture, which a report shows: absolute, or relative to the scene file's folder.
+        with_scale: whether the rig is scaled to the lengths of the plan. Otherwise its lengths stay.
 
     Raises:
-        InputError: a camera that the rig does not have, or a pixel outside what its lens can see.
-        EvidenceError: fewer than two placements of registered cameras are left, or they do not fix the heading.
-        PlanRefusedError (an `EvidenceError`): the plan is mirrored, or its unit is wrong, or so are most of its placements.
+        InputError: the rig lacks a camera, or a pixel is outside the range of its lens.
+        EvidenceError: fewer than two placements of cameras with poses or of points are left, or they do not fix the heading.
+        PlanRefusedError (an `EvidenceError`): the plan is mirrored, its unit is wrong, or its placements contradict each other.
     """
     for name in (*(one.camera for one in plan.cameras), *(name for point in plan.points for name in point.pixels)):
         camera_of(rig, name)
@@ -93,9 +93,9 @@ def align_to_plan(rig: Rig, plan: FloorPlan, image: Path, *, with_scale: bool = 
 
 
 def _covariance(posed: Rig, rows: PlanRows, placements: Placements, scale: float, *, with_scale: bool) -> Floats:
-    """(3 or 4, same) of turn, shifts and, where it is fitted, the logarithm of the scale, as `WorldFit` has them.
+    """Return the covariance (n, n), n = 3 or 4, of turn, shifts and, if fitted, log scale, as `WorldFit.covariance` has it.
 
-    By what the rig states of its cameras, not by the share of the extent that places are weighed with: that is for any rig.
+    The places get the sigmas that the rig states, not the share of its extent that the fit uses for rigs of any quality.
     """
     assert rows.settled is not None
     own = position_sds(posed, with_scale)
@@ -108,7 +108,7 @@ def _covariance(posed: Rig, rows: PlanRows, placements: Placements, scale: float
 
 
 def _figures(rows: PlanRows, settled: Settled, plan: FloorPlan, image: Path, *, with_scale: bool) -> dict[str, Any]:
-    """What there is to say of the fit, JSON-ready."""
+    """Return the figures of the fit, JSON-ready."""
     fit = settled.fit
     return {
         "scale_fitted": with_scale, "tilt_fitted": False,
@@ -123,7 +123,7 @@ def _figures(rows: PlanRows, settled: Settled, plan: FloorPlan, image: Path, *, 
 
 
 def _residuals(rows: PlanRows, plan: FloorPlan, moved: Floats, target: Floats) -> list[dict[str, Any]]:
-    """One row for each camera on the plan and each observation of a point: where the rig has it, and how far off."""
+    """Return a row for each camera on the plan and each observation of a point: its place by the rig, and its distance off."""
     assert rows.settled is not None
     out = []
     for row, (place, wanted) in enumerate(zip(moved, target, strict=True)):
@@ -141,7 +141,7 @@ def _residuals(rows: PlanRows, plan: FloorPlan, moved: Floats, target: Floats) -
 
 
 def _findings(rows: PlanRows, settled: Settled, residuals: list[dict[str, Any]], *, with_scale: bool) -> list[Finding]:
-    """Placements that were left out, those that contradict each other, and a scale that is not the plan's."""
+    """Return findings on placements that were left out or contradict each other, and on a scale unlike that of the plan."""
     out, fit = list[Finding](), settled.fit
     for number in dict.fromkeys(row["point"] for row in residuals if "point" in row):
         own = [row for row in residuals if row.get("point") == number]
@@ -172,13 +172,13 @@ def _findings(rows: PlanRows, settled: Settled, residuals: list[dict[str, Any]],
 
 
 def _suspects(rows: PlanRows, settled: Settled, off_m: float) -> dict[str, Any]:
-    """Cameras and points that contradict each other, and by how much at most."""
+    """Return the values of a finding: cameras and points that contradict each other, and by how much at most."""
     cameras, points = _named_suspects(rows, settled)
     return {"on_plan": cameras, "points": points, "off_m": off_m}
 
 
 def _named_suspects(rows: PlanRows, settled: Settled) -> tuple[list[str], list[str]]:
-    """Cameras, and points, that contradict each other."""
+    """Return the cameras and the points that contradict each other."""
     k = len(rows.camera)
     cameras = [rows.camera_names[int(rows.camera[number])] for number in settled.suspects if number < k]
     return cameras, [rows.point_names[number - k] for number in settled.suspects if number >= k]

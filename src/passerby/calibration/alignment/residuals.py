@@ -1,4 +1,4 @@
-"""How far a rig that was laid upon known places lies from each, and what is odd about them."""
+"""Residuals of a rig that was aligned with known places, and findings about these places."""
 
 from __future__ import annotations
 
@@ -16,19 +16,24 @@ from passerby.geometry.alignment import Places, SeenPoints, WorldFit, fit_world
 from passerby.geometry.rotations import Similarity, direction_angle
 
 POOR_FIT = 3.0
-"""Residuals of three times their stated standard deviations are reported."""
+"""A fit whose residuals are more than this many times their stated standard deviations is reported."""
 LEAN_DEG, HEIGHT_M = 0.05, 0.02
-"""A ground that is nearer to z = 0 is at z = 0: a step of 20 m climbs by less than 2 cm."""
+"""A ground that leans less and lies nearer to z = 0 is taken to be at z = 0: over 20 m such a lean rises by less than 2 cm."""
 TELLING_SCALE = 0.01
-"""A scale that is off by less is not reported: people's heights never determine it better."""
+"""Relative error of the scale below which it is not reported: people's heights never determine the scale better."""
 WEAK_SCALE = 0.3
-"""A scale that is known no better than this is not known."""
+"""Relative standard deviation of the scale above which it counts as unknown."""
 
 
 def point_residuals(
     rig: Rig, rows: Sequence[tuple[KnownPoint, Camera, Floats]], places: SeenPoints, fit: WorldFit
 ) -> list[dict[str, Any]]:
-    """Of each sighting: metres on the plane of the point, or across the ray; pixels; the height that several rays tell."""
+    """Return the residuals of each sighting of a known point, JSON-ready.
+
+    `off_m` is the distance on the horizontal plane of the point, or across the ray if the ray does not meet this plane.
+    `off_px` is the distance in the image. `height_off_m` is the height of the triangulated point above the stated one, None
+    without a triangulated point.
+    """
     flat = np.linalg.norm(places.on_plane(fit.motion) - places.target[:, :2], axis=1)
     across = np.linalg.norm(places.residuals(fit.motion), axis=1)
     which, met = places.points()
@@ -50,7 +55,7 @@ def point_residuals(
 def position_residuals(
     rig: Rig, rows: Sequence[KnownPosition], target: Floats, with_height: Any, fit: WorldFit
 ) -> list[dict[str, Any]]:
-    """Of each camera: metres on the ground, and of its height where that is known."""
+    """Return the residuals of each camera, JSON-ready: metres on the ground, and of its height where this is known."""
     out = []
     for index, known in enumerate(rows):
         away = rig[known.camera].centre - target[index]
@@ -62,7 +67,7 @@ def position_residuals(
 
 
 def gross_points(residuals: Sequence[Mapping[str, Any]]) -> list[Finding]:
-    """One notice for each point, or each sighting, that was left out."""
+    """Return a notice for each point of which all sightings were left out, and else for each sighting that was left out."""
     notes = []
     for name in dict.fromkeys(row["point"] for row in residuals):
         seen = [row for row in residuals if row["point"] == name]
@@ -76,7 +81,7 @@ def gross_points(residuals: Sequence[Mapping[str, Any]]) -> list[Finding]:
 
 
 def doubts(places: Places, fit: WorldFit, with_scale: bool, tilt: bool, what: str, count: int) -> list[Finding]:
-    """Evidence against the fit as a whole, and whether another scale would fit better."""
+    """Return notices where the residuals are large as a whole, and where another scale would fit better."""
     notes = []
     if fit.noise > POOR_FIT:
         size = float(np.sqrt(np.mean((places.residuals(fit.motion)[fit.used] ** 2).sum(axis=1))))
@@ -96,7 +101,7 @@ def doubts(places: Places, fit: WorldFit, with_scale: bool, tilt: bool, what: st
 
 
 def ground_note(rig: Rig, motion: Similarity) -> list[Finding]:
-    """Where the ground of the people lies now, unless it lies at z = 0."""
+    """Return a notice with the lean and the height of the people's ground after a motion, unless it lies at z = 0."""
     below = np.mean([camera.centre for camera in rig.posed()], axis=0) * (1.0, 1.0, 0.0)
     lean = float(np.degrees(direction_angle(motion.rotation[:, 2], np.array([0.0, 0.0, 1.0]))))
     height = round(float(motion.apply(below)[2]), 3) + 0.0  # no -0.00

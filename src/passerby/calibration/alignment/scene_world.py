@@ -1,4 +1,4 @@
-"""The frame that a scene's `[world]` wants, read beforehand and set at the end of a calibration."""
+"""The world frame that a scene's `[world]` table asks for, set at the end of a calibration."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LINE_FIGURES = ("lines", "tilt_deg", "vertical_sigma_deg", "heading_sigma_deg")
 
 @dataclass(frozen=True, eq=False)
 class AlignedSolution:
-    """A solution in the frame that the scene wants."""
+    """A solution in the frame that the scene asks for."""
 
     rig: Rig
     figures: SolverFigures
@@ -35,15 +35,15 @@ class AlignedSolution:
 
 
 def align_rig(rig: Rig, wanted: WorldTable, shown: Path | None = None) -> Aligned:
-    """The rig in the wanted frame.
+    """Move a rig into the wanted frame.
 
     Args:
-        rig: as it was calibrated.
-        wanted: the frame; paths as they can be opened.
-        shown: the plan's picture as a scene file names it; None: its absolute path is noted.
+        rig: in the frame of its calibration.
+        wanted: the frame; its paths can be opened from here.
+        shown: path of the plan's picture as the scene file has it; None: its absolute path is used.
 
     Raises:
-        InputError: a file that cannot be read, or does not fit the rig.
+        InputError: a file cannot be read, or does not fit the rig.
         EvidenceError: no camera has a pose, or the known places do not fix the frame.
     """
     if not len(rig.posed()):
@@ -65,9 +65,9 @@ def align_rig(rig: Rig, wanted: WorldTable, shown: Path | None = None) -> Aligne
 
 
 def align_to_scene(scene: Scene, solution: Solution, elsewhere: Sequence[Camera] = ()) -> AlignedSolution:
-    """A solution in the frame that the scene wants; where that cannot be, in its own frame, with a finding that says so.
+    """Move a solution into the frame that the scene asks for; if this fails, keep its own frame and add a finding.
 
-    Cameras `elsewhere` belong to other groups of the scene: known places of theirs say nothing of this one.
+    Cameras `elsewhere` belong to other groups of the scene: their known places give no evidence on this group.
     """
     table = scene.world
     if table is None or not len(solution.rig.posed()):
@@ -98,7 +98,7 @@ def align_to_scene(scene: Scene, solution: Solution, elsewhere: Sequence[Camera]
 
 
 def _aligned(rig: Rig, wanted: WorldTable, solution: Solution, shown: Path | None) -> Aligned:
-    """The rig with the vertical and the heading of the marked lines, and then in the wanted frame. Raises as `align_rig`."""
+    """Align a rig with the marked lines (vertical and heading), then with the wanted frame. Raises as `align_rig`."""
     if not wanted.lines:
         return align_rig(rig, wanted, shown)
     figures = solution.figures
@@ -115,7 +115,7 @@ def _aligned(rig: Rig, wanted: WorldTable, solution: Solution, shown: Path | Non
 
 
 def scaled_figures(figures: SolverFigures, scale: float) -> SolverFigures:
-    """A solver's figures with the lengths in the world multiplied; what the scale cues said stays as it was said."""
+    """Multiply the lengths in a solver's figures by a scale; the figures of the scale cues stay as they are."""
     if scale == 1.0 or not isinstance(figures, AdjustedFigures):
         return figures
     people = figures.people

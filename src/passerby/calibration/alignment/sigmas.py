@@ -1,7 +1,8 @@
-"""The uncertainty of a rig in a world that known places set: the cameras' own errors, and those of the motion into that world.
+"""Uncertainty of a rig in a world that known places define: the cameras' own errors, and those of the motion into that world.
 
-The sigmas of a calibrated rig hold for its best placement along the ground, with what all cameras share: the scale by people's
-heights, the vertical. Where places fit the scale or the vertical, the shared part is theirs from then on.
+The sigmas of a calibrated rig hold for its best placement along the ground. They include the errors that all cameras share: the
+scale by people's heights, and the vertical. If known places fit the scale or the vertical, the error of that fit replaces the
+shared part.
 """
 
 from __future__ import annotations
@@ -16,15 +17,16 @@ from passerby.core.cameras import Pose, PoseSigma, Rig
 
 UP = np.array([0.0, 0.0, 1.0])
 ROUNDS, STEEP = 20, 3.0
-"""Of the search for the fixed place of the scale: least squares, reweighted towards the camera that holds the least of it."""
+"""Number of rounds, and exponent of the weights, of the search for the fixed place of the scale: least squares, reweighted
+towards the camera whose covariance has room for the smallest part of the scale error."""
 _TINY = 1e-12
 
 
 def own_covariances(rig: Rig, *, with_scale: bool, tilt: bool) -> dict[str, Floats]:
-    """By camera, the covariance (6, 6) of its pose as `PoseSigma.covariance` has it, without what a fit will decide.
+    """Return the covariance (6, 6) of each camera's pose, as `PoseSigma.covariance` has it, without what a fit will determine.
 
-    Of the scale, and with `tilt` of two turns of the vertical, as much is taken off as fits into the covariances of all
-    cameras: no more can be common to them. Cameras without a covariance are left out.
+    The variance of the scale (`with_scale`), and of two turns of the vertical (`tilt`), is removed as far as it fits into the
+    covariances of all cameras: no more can be common to them. Cameras without a covariance are left out.
     """
     poses, covariances = dict[str, Pose](), dict[str, Floats]()
     for camera in rig:
@@ -39,20 +41,20 @@ def own_covariances(rig: Rig, *, with_scale: bool, tilt: bool) -> dict[str, Floa
 
 
 def _without_rounding(covariance: Floats) -> Floats:
-    """(6, 6) with no variance below 0: taking off just all of one leaves the rounding of both."""
+    """Set negative eigenvalues of a covariance (6, 6) to 0: removing the whole of a variance leaves rounding errors."""
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def in_known_world(rig: Rig, fitted: Floats, centre: Floats, *, with_scale: bool, tilt: bool) -> Rig:
-    """A rig that a fit has moved into its world, with the sigmas that its cameras have there.
+    """Return a rig that a fit has moved into its world, with the sigmas that its cameras have there.
 
     Args:
-        rig: after the motion; its sigmas are those of before, as `Rig.moved` makes them.
-        fitted: (n, n) covariance of what was fitted, as of `WorldFit`.
-        centre: (3,) about which it was.
+        rig: after the motion; its sigmas are those before the fit, as `Rig.moved` converts them.
+        fitted: (n, n) covariance of the fitted parameters, as `WorldFit.covariance` has it.
+        centre: (3,) fixed point of the fitted turns and scale.
         with_scale: whether the scale was fitted.
-        tilt: whether the vertical and the heights were.
+        tilt: whether the vertical and the heights were fitted.
     """
     own = own_covariances(rig, with_scale=with_scale, tilt=tilt)
     cameras = []
@@ -66,9 +68,9 @@ def in_known_world(rig: Rig, fitted: Floats, centre: Floats, *, with_scale: bool
 
 
 def fit_moves(pose: Pose, centre: Floats, *, with_scale: bool, tilt: bool) -> Floats:
-    """(6, n) what the unknowns of a fit do to a pose: turns (about the vertical, or all three), shifts, logarithm of the scale.
+    """Return the derivatives (6, n) of a pose by the unknowns of a fit: turns (one or three), shifts, logarithm of the scale.
 
-    Turns are about `centre` (3,); without `tilt` heights grow with the scale from the ground.
+    The fixed point of the turns is `centre` (3,). Without `tilt`, the scale changes heights relative to the ground.
     """
     reach = pose.centre - centre
     axes = np.eye(3) if tilt else UP[None]
@@ -80,10 +82,9 @@ def fit_moves(pose: Pose, centre: Floats, *, with_scale: bool, tilt: bool) -> Fl
 
 
 def _without_scale(covariances: Mapping[str, Floats], poses: Mapping[str, Pose]) -> dict[str, Floats]:
-    """The covariances without the scale: about the place at which most of it fits into them.
+    """Remove the scale from the covariances, about the fixed place with which the largest part of it fits into all of them.
 
-    That place is near the middle of the cameras and near the ground; what people say of the ground and of the scale hangs
-    together.
+    That place is near the middle of the cameras and near the ground: people determine the ground and the scale together.
     """
     centres = np.array([poses[name].centre for name in covariances])
     known = np.array([np.linalg.pinv(covariance[:3, :3]) for covariance in covariances.values()])
@@ -97,11 +98,11 @@ def _without_scale(covariances: Mapping[str, Floats], poses: Mapping[str, Pose])
 
 
 def _without(covariances: Mapping[str, Floats], moves: Mapping[str, Floats], part: slice) -> dict[str, Floats]:
-    """The covariances less the largest variance of one motion that all of them hold.
+    """Subtract from the covariances the largest variance of one motion that fits into all of them.
 
     Args:
         covariances: (6, 6) by camera.
-        moves: (3,) what the motion does to one part of each pose; the rest follows by its regression on that part.
+        moves: (3,) change of one part of each pose by the motion; the rest follows by its regression on that part.
         part: the rows of that part.
     """
     whole = {}

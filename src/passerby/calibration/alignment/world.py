@@ -1,4 +1,4 @@
-"""A rig in the world frame that its user wants: by a camera, by points or by positions of cameras with known coordinates."""
+"""Alignment of a rig with the user's world frame, which a camera, known points or known positions of cameras define."""
 
 from __future__ import annotations
 
@@ -28,11 +28,12 @@ from passerby.geometry.alignment import KnownPositions, Places, SeenPoints, Worl
 from passerby.geometry.rotations import Similarity, exp_rotation, log_rotation
 
 STRAIGHT_DOWN = 0.1
-"""Sine of 6 degrees: a camera that looks down more steeply has no direction on the ground to speak of."""
+"""Sine of 6 degrees: a camera whose axis is nearer to the vertical has no usable direction on the ground."""
 RIG_SCALE_SD = 0.05
-"""Relative, of the scale of a rig by people's heights; it decides whether a unit is wrong, and which of three placements."""
+"""Relative standard deviation of the scale of a rig by people's heights. It decides whether a unit is wrong, and which of three
+placements is wrong."""
 WEAK_TURN_DEG = 15.0
-"""A turn that is known no better than this is not known."""
+"""Standard deviation of the heading above which it counts as unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +42,11 @@ class Aligned:
 
     rig: Rig
     motion: Similarity
-    """From the old world to the new one."""
+    """Similarity from the old world to the new one."""
     figures: dict[str, Any]
-    """JSON-ready: how the frame was set, the motion, its sigmas, the residuals."""
+    """JSON-ready figures: the source of the frame, the motion, its sigmas, the residuals."""
     diagnostics: tuple[Finding, ...] = ()
-    """What is odd."""
+    """Findings about the known places and the fit."""
 
     def __repr__(self) -> str:
         left = f", {self.figures['left_out']} left out" if self.figures.get("left_out") else ""
@@ -53,24 +54,24 @@ class Aligned:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is odd, one sentence each, with the remedy."""
+        """The findings as sentences, with the remedies."""
         return texts_of(self.diagnostics)
 
     @property
     def residuals(self) -> list[dict[str, Any]]:
-        """One row a sighting of a point, or a camera with a known position; empty where a camera sets the frame."""
+        """One row for each sighting of a point or each camera with a known position; empty where a camera sets the frame."""
         rows: list[dict[str, Any]] = self.figures.get("residuals", [])
         return rows
 
 
 def align_to_camera(rig: Rig, name: str, towards: str | None = None, *, turn: bool = True) -> Aligned:
-    """The rig with its origin on the ground below a camera, and x along what it looks at, or towards another camera.
+    """Move the origin of a rig to the ground below a camera, and turn x to its viewing direction or towards another camera.
 
     Without `turn` the rig keeps its heading.
 
     Raises:
-        InputError: a camera that the rig does not have.
-        EvidenceError: one without a pose, or without a direction on the ground.
+        InputError: the rig does not have the camera.
+        EvidenceError: the camera has no pose, or no direction on the ground.
     """
     pose = _posed(rig, name)
     if not turn:
@@ -93,14 +94,14 @@ def align_to_camera(rig: Rig, name: str, towards: str | None = None, *, turn: bo
 def align_to_points(
     rig: Rig, points: Sequence[KnownPoint], *, with_scale: bool = False, tilt: bool = False, source: str = "points"
 ) -> Aligned:
-    """The rig laid upon points with known coordinates.
+    """Align a rig with points of known coordinates.
 
-    The ground stays at z = 0 and the vertical vertical, unless `tilt`; lengths are kept, unless `with_scale`. A point's z tells
-    where the ray to it ends. Sightings by cameras without a pose are left out and reported.
+    The ground and the vertical stay as they are, unless `tilt`. Lengths are kept, unless `with_scale`. The z of a point
+    gives the end of the ray to it. Sightings by cameras without a pose are left out and reported.
 
     Raises:
-        InputError: a camera that the rig does not have, a pixel outside its picture, left-handed coordinates.
-        EvidenceError: the points are too few, or too close together, for what is to be fitted.
+        InputError: the rig lacks a camera, a pixel is outside its picture, or the coordinates are left-handed.
+        EvidenceError: the points are too few, or too close together, to determine the fit.
     """
     rows, notes = visible_points(rig, points)
     names = [(point.name, camera.name) for point, camera, _ in rows]
@@ -129,10 +130,10 @@ def align_to_positions(
     rig: Rig, positions: Sequence[KnownPosition], *, geodetic: bool = False, with_scale: bool = False, tilt: bool = False,
     source: str = "positions",
 ) -> Aligned:  # fmt: skip
-    """The rig laid upon known positions of its cameras.
+    """Align a rig with known positions of its cameras.
 
-    Geodetic positions become metres east (x), north (y) and up (z) around their mean; the geodetic origin, with the altitude of
-    the ground, stands in the rig's metadata. Otherwise as `align_to_points`.
+    Geodetic positions become metres east (x), north (y) and up (z) of their mean. The rig's metadata gets the geodetic origin,
+    with the altitude of the ground. All else is as in `align_to_points`.
     """
     notes, rows = list[Finding](), []
     for known in positions:
@@ -170,12 +171,12 @@ def align_to_positions(
 
 
 def _in_world(aligned: Aligned, fit: WorldFit, with_scale: bool, tilt: bool) -> Aligned:
-    """With the sigmas that the cameras have in the world of the known places."""
+    """Replace the sigmas of the cameras by those in the world of the known places."""
     return replace(aligned, rig=in_known_world(aligned.rig, fit.covariance, fit.centre, with_scale=with_scale, tilt=tilt))
 
 
 def _posed(rig: Rig, name: str) -> Pose:
-    """A camera's pose. Raises `InputError` or `EvidenceError` where there is none."""
+    """Return a camera's pose. Raises `InputError` without such a camera, `EvidenceError` if it has no pose."""
     pose = camera_of(rig, name).pose
     if pose is None:
         others = ", ".join(rig.posed().names)
@@ -184,7 +185,7 @@ def _posed(rig: Rig, name: str) -> Pose:
 
 
 def _enough(count: int, targets: Sequence[Floats], with_scale: bool, tilt: bool, what: str, notes: Sequence[Finding]) -> None:
-    """Raises `EvidenceError` for too few places, or places on one spot."""
+    """Raise `EvidenceError` for too few places, or places on one spot."""
     least = 3 if tilt else 2
     why = f" ({'; '.join(texts_of(notes))})" if notes else ""
     if count < least:
@@ -199,9 +200,9 @@ def _enough(count: int, targets: Sequence[Floats], with_scale: bool, tilt: bool,
 
 
 def _refuse_wrong_unit(rig: Rig, places: Places, tilt: bool, what: str, source: str) -> None:
-    """Raises `InputError` where people's heights show that coordinates are not in metres.
+    """Raise `InputError` if people's heights show that the coordinates are not in metres.
 
-    A rig without a verdict is not from people; its scale may be any.
+    A rig without a verdict does not come from people: its scale is not checked.
     """
     if rig.verdict is None:
         return
@@ -217,7 +218,7 @@ def _refuse_wrong_unit(rig: Rig, places: Places, tilt: bool, what: str, source: 
 
 
 def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit:
-    """The fit. Raises `InputError` for left-handed coordinates, `EvidenceError` for places that do not fix it."""
+    """Fit the motion. Raises `InputError` for left-handed coordinates, `EvidenceError` if the places do not determine it."""
     try:
         fit = fit_world(places, with_scale=with_scale, tilt=tilt)
     except EvidenceError:
@@ -246,7 +247,7 @@ def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit
 
 
 def _on_a_line(what: str) -> str:
-    """The error of places that leave the turn about a line free."""
+    """Return the error message for places on one line, which do not determine the turn about it."""
     return (
         f"the {what} lie on one line within their accuracy, so the tilt about this line is not determined: give "
         f"{what} off the line, or leave `tilt` out"
@@ -254,7 +255,7 @@ def _on_a_line(what: str) -> str:
 
 
 def _fit_figures(fit: WorldFit, with_scale: bool, tilt: bool) -> dict[str, Any]:
-    """What there is to tell of a fit."""
+    """Return the figures of a fit, JSON-ready."""
     return {
         "scale_fitted": with_scale,
         "tilt_fitted": tilt,
@@ -271,7 +272,7 @@ def aligned_by(
     rig: Rig, motion: Similarity, how: str, figures: dict[str, Any], metadata: Mapping[str, str] | None = None, *,
     tilt: bool = False,
 ) -> Aligned:  # fmt: skip
-    """The moved rig, its metadata and the figures of the motion."""
+    """Move a rig, and return it with its metadata and the figures of the motion."""
     replaced = {"world", "geodetic_origin"} | ({"up"} if tilt else set())
     kept = {key: value for key, value in rig.metadata.items() if key not in replaced}
     moved = rig.moved(motion.rotation, motion.translation, motion.scale)
@@ -293,7 +294,7 @@ def aligned_by(
 
 
 def with_residuals(aligned: Aligned, residuals: list[dict[str, Any]], notes: Sequence[Finding]) -> Aligned:
-    """With its residuals and further notes."""
+    """Add residuals and further findings."""
     everything = (*notes, *aligned.diagnostics)
     told = {"residuals": residuals, "notes": list(texts_of(everything))}
     return replace(aligned, figures=aligned.figures | told, diagnostics=everything)

@@ -1,4 +1,4 @@
-"""Evidence against a result: moved cameras, missed people, walking speed, uneven ground; and the verdict.
+"""Evidence against a result: the up direction, uneven ground, smaller pictures; and the verdict.
 
-Imports what `calibration` may.
+It may import the same packages as `calibration`.
 """

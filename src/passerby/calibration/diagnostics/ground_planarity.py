@@ -1,4 +1,4 @@
-"""The people's ground, as far as it is no plane: the findings about it."""
+"""Differences of the people's ground from a plane: figures and findings."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from passerby.people.body_centres import identified_body_centres, triangulate_pe
 from passerby.people.ground_shape import GroundShape, ground_shape
 
 STEEP_DEG, STEEP_SIGMAS = 1.0, 5.0
-"""Ground below people's own ways that slopes so much, and by so many sigmas, is not the ground that the rig stands on
+"""If the ground below people's trajectories slopes by more degrees, and by more sigmas, it is not the plane of the rig's ground
 (docs/results/limits.md)."""
 
 
 def shape_of(solution: Solution, instants: Observations, person_height_m: float) -> GroundShape | None:
-    """The shape of the ground by a rig and the people that it was made from; None where too few places tell."""
+    """Estimate the shape of the ground by a rig and the people that it was made from; None for too few places."""
     if len(solution.rig.posed()) < 2:
         return None
     middles = identified_body_centres(solution.rig, instants)
@@ -29,7 +29,7 @@ def shape_of(solution: Solution, instants: Observations, person_height_m: float)
 
 
 def ground_figures(shape: GroundShape | None) -> GroundFigures | None:
-    """For reports."""
+    """Return the figures of the ground for reports; None without a shape."""
     if shape is None:
         return None
     return GroundFigures(
@@ -39,13 +39,16 @@ def ground_figures(shape: GroundShape | None) -> GroundFigures | None:
 
 
 def height_error_m(shape: GroundShape) -> float:
-    """One sigma of how far people's ground is above or below z = 0: a rise that is as often at any height, and a slope."""
+    """Return one sigma of the height of people's ground over z = 0, metres.
+
+    It combines a rise, whose heights are equally frequent, and a slope; each counts only if it is significant.
+    """
     rise = shape.rise_m / np.sqrt(12.0) if shape.sure else 0.0
     return float(np.hypot(rise, np.tan(np.radians(shape.slope_deg)) * shape.extent_m if _steep(shape) else 0.0))
 
 
 def on_ground(figures: AdjustedFigures, shape: GroundShape) -> AdjustedFigures:
-    """The figures of an adjustment with what the shape of the ground does to positions on it."""
+    """Add the errors that the shape of the ground causes in positions on it to the figures of an adjustment."""
     height_m = height_error_m(shape)
     if not height_m or figures.measuring is None:
         return figures
@@ -57,11 +60,11 @@ def _steep(shape: GroundShape) -> bool:
 
 
 def notices_of_ground(shape: GroundShape | None, *, placed: bool = False) -> tuple[Finding, ...]:
-    """How people's ground differs from one plane.
+    """Return notices on the differences of people's ground from one plane.
 
     Args:
-        shape: from `shape_of`.
-        placed: whether the world is another than the solver's, in which places have other coordinates.
+        shape: result of `shape_of`.
+        placed: whether the world frame is not the solver's, so that places have other coordinates.
     """
     if shape is None:
         return ()

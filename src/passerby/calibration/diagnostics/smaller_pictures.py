@@ -1,8 +1,8 @@
-"""Were people found in pictures of another size than the lens is for? Then they fill only the upper left part of it.
+"""Check whether people were detected in smaller pictures than the lens is for; then they fill only the upper left part of it.
 
-A second stream of half the width shows people at half the pixels, so that they lie in a quarter of the picture. That alone is
-no proof: people may keep to a corner. But only one of the two sizes lets all cameras agree on bodies of one shape, so the rig
-is solved with both, and the errors of the boxes' heights are compared. What else is wrong may still be so with the right size.
+In a second stream of half the width, people have half the pixel coordinates, so that they lie in a quarter of the picture. This
+alone is no proof: people may keep to a corner. But only with the right size do all cameras agree on bodies of one shape. So the
+rig is solved with both sizes, and the errors of the boxes' heights are compared. Other faults may remain with the right size.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from passerby.findings.finding import Finding, doubt
 from passerby.hypotheses.readings import possible_share, smaller
 
 BETTER = 1.4
-"""The errors with the stated sizes over those with smaller ones: 1.6 to 5 where the smaller ones are right, and 0.05 to 0.5
-where people keep to a corner of the stated ones (16 simulated scenes, one camera or all)."""
+"""Least ratio of the errors with the stated sizes to those with smaller ones. It is 1.6 to 5 where the smaller ones are right,
+and 0.05 to 0.5 where people keep to a corner of the stated ones (16 simulated scenes, one camera or all)."""
 AS_GOOD = 1.1
-"""A camera whose own stated size makes no larger difference is not named."""
+"""A camera is not reported if its stated size changes the errors by less than this factor."""
 
 
 def doubts_of_smaller_pictures(
     run: CalibrationRun, rig: Rig, observations: Observations, solution: Solution, association: Association
 ) -> list[Finding]:
-    """A doubt about each of the cameras whose people were found in smaller pictures than the lens is for.
+    """Return a doubt about each camera whose people were detected in smaller pictures than the lens is for.
 
     Args:
         run: the scene and its options.
-        rig: the lenses as stated; a focal length that was corrected may be that of smaller pictures.
+        rig: the lenses as stated; a corrected focal length may be that of smaller pictures.
         observations: people in the cameras' own pixels.
-        solution: the rig as it was estimated, with corrected lenses where there are any.
-        association: of that rig; its people are solved with other lenses.
+        solution: the estimated rig, with corrected lenses if there are any.
+        association: association of that rig; its people are solved with other lenses.
     """
     shares = {
         camera.name: share
@@ -63,12 +63,12 @@ def doubts_of_smaller_pictures(
 
 
 def _solve_smaller(run: CalibrationRun, rig: Rig, association: Association) -> Solution:
-    """The same people solved with other lenses."""
+    """Solve the same people with other lenses."""
     return solve_scene(run, rig, association.instants, run.rng(), known=association.known_heights)
 
 
 def with_shares(rig: Rig, shares: Mapping[str, float]) -> Rig:
-    """The rig with the lenses of some cameras for smaller pictures, without poses."""
+    """Return the rig without poses, with the lenses of some cameras for smaller pictures, by shares of the size."""
     return Rig(
         tuple(
             replace(camera, pose=None, sigma=None, lens=smaller(camera.lens, shares.get(camera.name, 1.0)))
@@ -80,7 +80,7 @@ def with_shares(rig: Rig, shares: Mapping[str, float]) -> Rig:
 
 
 def misfit(solution: Solution) -> float:
-    """Errors of the boxes' heights as a share of them, with the share of broken edges; infinite where a camera has no pose."""
+    """Return the relative errors of the boxes' heights plus the share of broken edges; infinite if a camera has no pose."""
     noise = adjusted(solution.figures).noise
     if noise is None or len(solution.rig.posed()) < len(solution.rig):
         return float("inf")

@@ -1,7 +1,8 @@
-"""What the world's z is, and how far it may be from gravity.
+"""Physical meaning of the world's z axis, and its uncertainty relative to gravity.
 
-Feet on the ground fix z far better than bodies do: z is the normal of the ground that people walk on. A floor is level, a yard
-drains, a ramp slopes; people stand along gravity on all of them. Trunks show gravity, if keypoints are seen; boxes do not.
+Feet on the ground determine z far better than bodies do: z is the normal of the ground that people walk on. A floor is level, a
+yard slopes for drainage, and a ramp slopes; people stand along gravity on all of them. Trunks show gravity if there are
+keypoints; boxes do not.
 """
 
 from __future__ import annotations
@@ -21,25 +22,26 @@ from passerby.solver.body_segments import Bodies, bodies_in_space
 from passerby.solver.body_vertical import body_vertical
 
 GROUND_SLOPE_DEG = 1.0
-"""One sigma of the slope of a ground of which nothing is known. Floors are level; paved ways slope by up to 1.2 degrees across
-(1 in 48) and ramps by up to 4.8 (1 in 12): the limits of the ADA Standards for Accessible Design of 2010, 403.3 and 405.2."""
+"""One sigma of the slope of an unknown ground. Floors are level; paved ways slope by up to 1.2 degrees across (1 in 48) and
+ramps by up to 4.8 (1 in 12): the limits of the ADA Standards for Accessible Design of 2010, 403.3 and 405.2."""
 LEAST_BODIES = 8
-"""Trunks of one person, to be compared with those of others."""
+"""Least number of trunks of one person."""
 LEAST_PEOPLE = 5
-"""With trunks, for the differences between them to show how well their mean is known."""
+"""Least number of people with trunks: their differences give the uncertainty of the mean."""
 COMMON_LEAN_DEG = 0.5
-"""One sigma of what the trunks of all people lean by alike: people who walk one way lean forwards by some degrees."""
+"""One sigma of the lean that the trunks of all people share: people who walk in one direction lean forwards by some degrees."""
 LEAST_TILT_DEG, TILT_SIGMAS = 1.0, 3.0
-"""A ground that is tilted by so much against bodies, and by so many sigmas, is reported: one in 90 level ones by chance."""
+"""A ground is reported if its tilt relative to bodies exceeds this angle, and this number of sigmas: one in 90 level ones by
+chance."""
 
 
 def up_figures(solution: Solution, instants: Observations, rng: np.random.Generator) -> UpFigures | None:
-    """What z is, and its sigma against gravity; None without a known up direction.
+    """Return the meaning of z, and its sigma relative to gravity; None without a known up direction.
 
     Args:
-        solution: in its own world, z the up direction that it found.
+        solution: the solution in its own world, whose z is the up direction that it found.
         instants: the people that it was made from, at common time steps.
-        rng: draws bodies where there are many.
+        rng: random numbers to sample bodies if there are many.
     """
     figures = solution.figures
     if not isinstance(figures, AdjustedFigures) or not np.isfinite(figures.vertical_sigma_deg or np.nan):
@@ -56,7 +58,7 @@ def up_figures(solution: Solution, instants: Observations, rng: np.random.Genera
     measured = measured + 0.5 * figures.vertical_sigma_deg**2 * np.eye(2)
     size = float(np.linalg.norm(tilt))
     along = tilt / max(size, 1e-12)
-    # The tilt about each of two axes has a prior around 0; what is left of the measured one, with its variance.
+    # The tilt about each of two axes has a prior around 0: the posterior mean and covariance.
     prior = 0.5 * GROUND_SLOPE_DEG**2 * np.eye(2)
     gain = prior @ np.linalg.inv(prior + measured)
     left = float(np.linalg.norm(gain @ tilt))
@@ -66,23 +68,23 @@ def up_figures(solution: Solution, instants: Observations, rng: np.random.Genera
 
 
 def _bodies(solution: Solution, instants: Observations, rng: np.random.Generator) -> Bodies | None:
-    """Bodies in the world of a solution."""
+    """Return bodies in the world of a solution; None without any."""
     rig = solution.rig.posed()
     R, centre = (np.array([getattr(camera.pose, name) for camera in rig]) for name in ("R_cw", "centre"))
     return bodies_in_space(rig, R, centre, instants, rng)
 
 
 def _upright_parts(solution: Solution, instants: Observations, rng: np.random.Generator) -> tuple[str, ...]:
-    """The parts of the body that show the up direction."""
+    """Return the parts of the body that show the up direction."""
     bodies = _bodies(solution, instants, rng)
     vertical = None if bodies is None else body_vertical(bodies)
     return () if vertical is None else vertical.parts
 
 
 def _mean_tilt(bodies: Bodies | None) -> tuple[Floats, Floats] | None:
-    """(2,) how far trunks are from z along x and y, degrees, and its covariance (2, 2); None where few people show it.
+    """Return the mean tilt (2,) of trunks from z along x and y, degrees, and its covariance (2, 2); None for too few people.
 
-    The covariance is that of the mean of independent people, by what they differ by, with the factor of Student's distribution.
+    The covariance is that of the mean of independent people, from their differences, with the factor of Student's distribution.
     """
     if bodies is None:
         return None
@@ -105,7 +107,7 @@ def _mean_tilt(bodies: Bodies | None) -> tuple[Floats, Floats] | None:
 
 
 def find_tilted_ground(up: UpFigures | None, *, up_stated: bool) -> tuple[Finding, ...]:
-    """A notice where the ground is tilted against the people who walk on it, unless `[world]` sets the up direction."""
+    """Return a notice if the ground is tilted relative to the people who walk on it, unless `[world]` sets the up direction."""
     if up is None or up.tilt_deg is None or up.tilt_sigma_deg is None or up_stated:
         return ()
     if up.tilt_deg <= max(LEAST_TILT_DEG, TILT_SIGMAS * up.tilt_sigma_deg):
@@ -114,7 +116,7 @@ def find_tilted_ground(up: UpFigures | None, *, up_stated: bool) -> tuple[Findin
 
 
 def with_up(rig: Rig, up: UpFigures | None) -> Rig:
-    """The rig with what its z is in its metadata."""
+    """Add the meaning of z to the metadata of a rig."""
     if up is None:
         return rig
     text = f"{up.direction}; gravity within {up.gravity_sigma_deg:.1f} degrees (1 sigma)"

@@ -1,4 +1,4 @@
-"""The verdict on a solution, with the checks that do not depend on the solver; people who are far from the usual height."""
+"""The verdict on a solution, with the checks that do not depend on the solver, and the notice on people of unusual height."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from passerby.findings.finding import Finding, notice
 from passerby.geometry.triangulation import triangulate
 
 LINE_WIDTH_M = 0.25
-"""Nine of ten people this close to one line walked on one line: half a body's breadth, and the noise of a box's centre."""
+"""If nine of ten positions are this close to one line, metres, people walked on one line: half a body's breadth, and the noise
+of a box's centre."""
 LINE_SHARE = 0.02
-"""Over long lines the noise grows: so much of their length counts as on the line too."""
+"""The same limit as a share of the length of the line, because the noise grows with it; the larger limit is used."""
 MIN_POSITIONS = 10
 
 
@@ -28,15 +29,15 @@ def with_verdict(
     solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, Finding] | None = None,
     causes: Sequence[Finding] = (), doubts: Sequence[Finding] = (),
 ) -> Solution:  # fmt: skip
-    """The solution, no longer accepted where it lacks a camera, or where what it measures is too uncertain to use.
+    """Determine the verdict and the findings: a rig is not accepted if a camera is missing or measurements are too uncertain.
 
     Args:
-        solution: of a solver.
+        solution: result of a solver.
         observations: people at common instants.
         given: whether their identities were given, not found.
-        why: by camera, why it has no pose, where more is known than that no people are shared.
+        why: by camera, the reason why it has no pose, if more is known than that it shares no people.
         causes: doubts about the input and about cameras that were in motion. They come first: other findings follow from them.
-        doubts: other evidence against relying on it, and notices that may explain what is uncertain.
+        doubts: other evidence against the rig, and notices that may explain an uncertainty.
     """
     findings = [*causes, *solution.findings, *doubts]
     missing = len(solution.rig.posed()) < len(solution.rig)
@@ -56,20 +57,20 @@ def with_verdict(
 def _find_separate_cameras(
     observations: Observations, given: bool, why: Mapping[str, Finding], *, nothing_known: bool
 ) -> list[Finding]:
-    """Why cameras are separate, one finding for each group of them."""
+    """Return the reasons why cameras are separate, one finding for each group of them."""
     found = missing_overlap(count_shared_observations(observations), given=given)
     if not given and any(one.code == "no_shared_people" for one in found) and not nothing_known:
-        return []  # that identities were not found has been said, and why
+        return []  # other findings already state that identities were not found, and the reason
     return [why.get(one.cameras[0], one) if len(one.cameras) == 1 else one for one in found]
 
 
 def people_positions(rig: Rig, observations: Observations) -> Floats:
-    """Where the people were whose boxes two cameras or more saw: (N, 3) triangulated box centres, world, metres."""
+    """Return the triangulated box centres (N, 3) of the people whom two or more cameras saw, world, metres."""
     return placed_people(rig, observations)[1]
 
 
 def placed_people(rig: Rig, observations: Observations) -> tuple[Floats, Floats]:
-    """(N, 2) frame and identity of the people whom two cameras or more saw, and (N, 3) their boxes' triangulated centres."""
+    """Return frame and identity (N, 2) of people whom two or more cameras saw, and their triangulated box centres (N, 3)."""
     posed = [camera for camera in rig if camera.pose is not None]
     columns, bearings = [], []
     for index, camera in enumerate(posed):
@@ -98,16 +99,16 @@ def placed_people(rig: Rig, observations: Observations) -> tuple[Floats, Floats]
 
 
 def people_not_spread(rig: Rig, observations: Observations) -> Finding | None:
-    """That all people stay on one spot or walk on one line, which determines no rig; None where they do not.
+    """Return a notice if all people stay on one spot or walk on one line, which does not determine a rig; else None.
 
-    Joints have extent of their own: with them one person on the spot is enough.
+    The joints of a body are spread in space: with them, one person on one spot is enough.
     """
     with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in rig) > 1
     return None if with_joints else _one_line_or_spot(people_positions(rig, observations))
 
 
 def _one_line_or_spot(points: Floats) -> Finding | None:
-    """What is wrong with the places (N, 3) where boxes were seen, world, z up; None if nothing is, or nothing can be said."""
+    """Return a notice if positions (N, 3), world, z up, are on one spot or line; None if they are not, or are too few."""
     if len(points) < MIN_POSITIONS:
         return None
     ground = points[:, :2] - np.median(points[:, :2], axis=0)
@@ -124,7 +125,7 @@ def _one_line_or_spot(points: Floats) -> Finding | None:
 
 
 def find_unusual_heights(people: PeopleFigures | None) -> tuple[Finding, ...]:
-    """A notice where the solver left people out of the scale: who they are, and how tall they and the others are by the rig."""
+    """Return a notice on people whom the solver left out of the scale: their identities, and the heights of all by the rig."""
     if people is None or not people.unusual:
         return ()
     low, high = (float(one) for one in np.percentile([people.heights_m[str(who)] for who in people.unusual], (0, 100)))

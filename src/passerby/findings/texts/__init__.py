@@ -1,7 +1,7 @@
-"""The register of all codes of findings, and the one place where findings become sentences.
+"""The register of all codes of findings; only this package turns findings into sentences.
 
-Each code has a `Kind`: the severities it occurs with, what it means, and templates of the sentence and of the remedy. An
-unknown code, or a value that a template needs and the finding lacks, raises `KeyError`.
+Each code has a `Kind`: its severities, its meaning, and templates of the sentence and of the remedy. An unknown code, or a
+value that a template needs and the finding lacks, raises `KeyError`.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ __all__ = ["KINDS", "Kind", "diagnostic", "problem_of", "remedy_of", "subjects_o
 KINDS: Mapping[str, Kind] = {
     **SOLVER, **LENSES, **GEOPOSE, **ASSOCIATION, **CALIBRATION, **ALIGNMENT, **INPUT_FILES, **VIDEOS, **MONITORING,
 }  # fmt: skip
-"""By code, in the order of the stages."""
+"""Kinds of findings by code, in the order of the stages."""
 
 
 def text_of(finding: Finding) -> str:
-    """The sentence of a finding: what is the matter and, where the sentence says so, what to do."""
+    """Return the sentence of a finding: the problem and, if the sentence has one, the remedy."""
     return _said(finding).text
 
 
 def texts_of(findings: Iterable[Finding]) -> tuple[str, ...]:
-    """The sentences of findings."""
+    """Return the sentences of findings."""
     return tuple(map(text_of, findings))
 
 
 def problem_of(finding: Finding, who: str | None = None) -> str:
-    """What is the matter, without what to do; `who` stands in place of the cameras' names."""
+    """Return the problem without the remedy; `who` replaces the cameras' names."""
     return _said(finding, who).problem
 
 
 def remedy_of(finding: Finding) -> str:
-    """What to do; empty where nothing is."""
+    """Return the remedy; empty without one."""
     return _said(finding).remedy or KINDS[finding.code].advice
 
 
 def subjects_of(finding: Finding) -> tuple[Subject, ...]:
-    """What a finding is about besides cameras."""
+    """Return the subjects of a finding other than cameras."""
     subjects = KINDS[finding.code].subjects
     return subjects(finding.values) if callable(subjects) else subjects
 
 
 def diagnostic(finding: Finding) -> dict[str, Any]:
-    """A finding as files hold it: its code, severity, cameras and values, and the texts made from them."""
+    """Return a finding as in files: its code, severity, cameras and values, and the texts made from them."""
     return finding.as_value() | {"text": text_of(finding), "remedy": remedy_of(finding)}
 
 

@@ -15,7 +15,7 @@ _SAID_OR_NOT: tuple[Severity, ...] = ("notice", "doubt")
 
 
 def _fit(v: Fields) -> str:
-    """How far the tracks of two cameras fit."""
+    """Return in words how well the tracks of two cameras fit."""
     clauses = {
         "never_together": "no person walks in both at the same time",
         "nobody": "no person walks in it and in another camera at the same time",
@@ -27,7 +27,7 @@ def _fit(v: Fields) -> str:
 
 
 def _fixed(v: Fields) -> Said | None:
-    """What would make the tracks fit."""
+    """Return the change with which the tracks would fit; None if none is known."""
     found: Said | None = v.get("fixed_by")
     return found
 
@@ -59,7 +59,7 @@ def _drifts(v: Fields) -> str:
 
 
 def _minutes(seconds: float) -> str:
-    """A time of seconds up to hours."""
+    """Format a time, in seconds and, from 600 s, also in minutes."""
     return f"{seconds:.1f} s" if seconds < 600 else f"{seconds:.0f} s ({seconds / 60:.0f} min)"
 
 

@@ -17,7 +17,7 @@ def _when(v: Fields, end: int) -> str:
 
 
 def _kept(v: Fields) -> tuple[str, str]:
-    """Which part is kept, and which other one could be."""
+    """Return the words for the part of the recording that is kept, and for the other part."""
     return ("after", "before") if v["left_out"] == "before" else ("before", "after")
 
 
@@ -213,7 +213,7 @@ CALIBRATION: Mapping[str, Kind] = {
 
 
 def _placements(values: Mapping[str, Any]) -> str:
-    """Cameras and points on a plan, in words."""
+    """Return the cameras and points on a plan in words."""
     cameras, points = values["on_plan"], values["points"]
     named = [f"camera{'s' if len(cameras) > 1 else ''} {', '.join(cameras)}"] if cameras else []
     named += [f"point{'s' if len(points) > 1 else ''} {', '.join(points)}"] if points else []

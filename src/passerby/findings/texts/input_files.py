@@ -238,11 +238,11 @@ def _gaps(v: Fields) -> str:
 
 
 NOTABLE = 0.95
-"""An uncertainty that falls to a larger share of itself has barely fallen."""
+"""An uncertainty that falls to more than this share of itself has barely fallen."""
 
 
 def _used_in_part(v: Fields) -> str:
-    """How much of the videos was used, and what the rest would bring."""
+    """Return the part of the videos that was used, and the expected gain of the rest, in words."""
     known = [
         (what, now, then)
         for what, now, then in (

@@ -1,4 +1,4 @@
-"""What the register says about a code."""
+"""Entry of a code in the register."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Subject = Literal["scale", "vertical"]
 
 Rank = Literal["input", "motion", "lens", "other", "symptom"]
 RANKS: tuple[Rank, ...] = get_args(Rank)
-"""What a finding is about, the causes of others first: the files, cameras that move and clocks, intrinsics; what neither causes
-others nor follows from them; and what follows from causes."""
+"""Subjects of findings, the causes of others first: the files; cameras that move, and clocks; intrinsics; then findings that
+neither cause others nor follow from them; and findings that follow from causes."""
 
 Template = str | Callable[[Fields], str]
 """Text with fields in braces, or a function that makes it."""
@@ -28,22 +28,22 @@ class Kind:
     """A kind of finding: the sentence is `problem`, then `joint` and `remedy` where there is a remedy."""
 
     severities: tuple[Severity, ...]
-    """Those that it is found with."""
+    """Severities with which it occurs."""
     meaning: str
-    """In one line."""
+    """Meaning in one line."""
     problem: Template
-    """What is the matter."""
+    """The problem, the first part of the sentence."""
     remedy: Template = ""
-    """What to do, as the sentence ends; empty where it says nothing of it."""
+    """The remedy, the last part of the sentence; empty if the sentence has none."""
     joint: Template = ": "
     advice: str = ""
-    """What to do where the sentence has no remedy."""
+    """The remedy if the sentence has none."""
     subjects: tuple[Subject, ...] | Callable[[Fields], tuple[Subject, ...]] = ()
-    """What it is about besides cameras."""
+    """Subjects other than cameras."""
     common: bool = False
-    """Whether the same of several cameras can be said at once, with all of them as `who`."""
+    """Whether one sentence can state equal findings of several cameras, with all of them as `who`."""
     rank: Rank = "other"
-    """Whether it causes other findings, or follows from them."""
+    """Its place among causes and consequences."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class Said:
 
     problem: str
     remedy: str
-    """Of the sentence."""
+    """Remedy in the sentence; empty without one."""
     joint: str
-    """Between the two."""
+    """Text between problem and remedy."""
     text: str
     """The whole sentence."""
 
@@ -65,5 +65,5 @@ REFUSAL: tuple[Severity, ...] = ("refusal",)
 
 
 def longer(change: float) -> str:
-    """A relative change as "8 % longer"."""
+    """Return a relative change in words, such as "8 % longer"."""
     return f"{100 * abs(change):.0f} % {'longer' if change > 0 else 'shorter'}"

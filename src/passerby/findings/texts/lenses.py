@@ -36,7 +36,7 @@ def _estimated(v: Fields) -> str:
 
 
 def _contradicted(v: Fields) -> str:
-    """What people fit instead of what is stated."""
+    """Return in words the values that people fit instead of the stated ones."""
     parts = []
     if focal := v.get("focal"):
         lengths = f" ({focal['found_px']:.0f} px instead of {focal['stated_px']:.0f} px)" if v["cameras"] else ""

@@ -10,7 +10,7 @@ from passerby.findings.finding import Severity
 from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind, Subject
 
 PART_NAMES = {"vertical": "up direction"}
-"""Words for the parts of the world that can be undetermined, where they are others."""
+"""Words for parts of the world that can be undetermined, where they differ from the names in the values."""
 _SUBJECTS: Mapping[str, tuple[Subject, ...]] = MappingProxyType({
     "scale": ("scale",), "ground": ("vertical",), "world": ("scale", "vertical")
 })  # fmt: skip
@@ -99,7 +99,7 @@ def _uncertain(v: Fields) -> str:
 
 
 def _gives(v: Fields) -> str:
-    """What gives scale and up direction; empty in files of an older Passerby."""
+    """Return in words the evidence that gives scale and up direction; empty for files of an older Passerby."""
     named = [
         f"{list_names(v[key])} give {what}" for key, what in (("scale", "the scale"), ("up", "the up direction")) if v.get(key)
     ]
@@ -147,7 +147,7 @@ _CUE_REMEDIES: Mapping[str | None, str] = MappingProxyType({
 
 
 def _to_check(kinds: Sequence[str | None], otherwise: str) -> str:
-    """What may be wrong with scale cues of these kinds."""
+    """Return in words what to check for scale cues of these kinds."""
     return "; ".join(dict.fromkeys(_CUE_REMEDIES[kind] for kind in kinds if kind in _CUE_REMEDIES)) or otherwise
 
 
