@@ -143,7 +143,7 @@ class AssociationRun:
         return again | (dict.fromkeys(sorted(without - set(before)), (search_s, 0.0)) if search else {})
 
     def known(self, rows: Sequence[tuple[Ints, Ints]]) -> PointedHeights:
-        """Return the heights of the people whom the user marked, by the identities that `identified` gives them."""
+        """Return the heights of the people that the user marked, by the identities from `identified`."""
         return pointed_heights(self.options.pointed, lambda one: self._identity(one, rows))
 
     def _identity(self, one: PointedPerson | Sighting, rows: Sequence[tuple[Ints, Ints]]) -> int | None:

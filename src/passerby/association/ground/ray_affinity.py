@@ -2,7 +2,7 @@
 
 Two cameras at known poses see one person along two rays that meet at half a body's height, at a distance that fits the body's
 size in both pictures. This is also true on slopes and kerbs, and for low cameras, where a foot's ground position does not
-determine the distance. Each two samples are judged at the best of three points: the point nearest to both rays, the point of
+determine the distance. Two samples are compared at the best of three points: the point nearest to both rays, the point of
 camera a's ray at half a body's height above the ground, and the point of this ray at the distance given by the body's size.
 (The first is undetermined where two cameras stand side by side.)
 """

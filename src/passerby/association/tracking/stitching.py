@@ -1,11 +1,11 @@
 """Stitching of one camera's tracklets that broke where a person was hidden or crossed another's trajectory.
 
 The tracker decides frame by frame, and ends a tracklet where the decision is uncertain. Whole tracklets contain more
-information: the person's motion before and after the gap, and the appearance in all boxes. For every two tracklets of which
-one begins soon after the other has ended, the odds of one person against two are computed. Then the set of links with the
-largest total likelihood is found (as in Huang, Wu, Nevatia, *Robust Object Tracking by Hierarchical Association of Detection
-Responses*, ECCV 2008). Of these, links are kept without which the total would be clearly less likely. Stitched tracklets
-contain still more information, so this is done in rounds.
+information: the person's motion before and after the gap, and the appearance in all boxes. If one tracklet begins soon after
+another one has ended, the odds of one person against two are computed. Then the set of links with the largest total likelihood
+is found (as in Huang, Wu, Nevatia, *Robust Object Tracking by Hierarchical Association of Detection Responses*, ECCV 2008). A
+link is kept if the total would be clearly less likely without it. Stitched tracklets contain still more information, so this is
+done in rounds.
 
 Costs are -2 log likelihood and lengths are in body heights, as in `linking`.
 """
@@ -133,7 +133,7 @@ def _links(boxes: Boxes, fps: float, options: StitchingOptions) -> tuple[Ints, I
 
 
 def _candidates(begin_s: Floats, end_s: Floats, max_gap_s: float) -> tuple[Ints, Ints]:
-    """Find pairs (L,), (L,) of tracklets of which the second begins within `max_gap_s` after the first has ended."""
+    """Find pairs (L,), (L,) of tracklets: the second begins within `max_gap_s` after the end of the first."""
     order = np.argsort(begin_s, kind="stable")
     low = np.searchsorted(begin_s[order], end_s, side="right")
     count = np.searchsorted(begin_s[order], end_s + max_gap_s * (1 + 1e-9), side="right") - low

@@ -67,7 +67,7 @@ def position_residuals(
 
 
 def gross_points(residuals: Sequence[Mapping[str, Any]]) -> list[Finding]:
-    """Return a notice for each point of which all sightings were left out, and else for each sighting that was left out."""
+    """Return notices on sightings that were left out: one for a point that lost all its sightings, else one for each."""
     notes = []
     for name in dict.fromkeys(row["point"] for row in residuals):
         seen = [row for row in residuals if row["point"] == name]

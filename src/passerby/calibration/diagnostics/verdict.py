@@ -65,12 +65,12 @@ def _find_separate_cameras(
 
 
 def people_positions(rig: Rig, observations: Observations) -> Floats:
-    """Return the triangulated box centres (N, 3) of the people whom two or more cameras saw, world, metres."""
+    """Return the triangulated box centres (N, 3) of the people seen by two or more cameras, world, metres."""
     return placed_people(rig, observations)[1]
 
 
 def placed_people(rig: Rig, observations: Observations) -> tuple[Floats, Floats]:
-    """Return frame and identity (N, 2) of people whom two or more cameras saw, and their triangulated box centres (N, 3)."""
+    """Return frame and identity (N, 2) of people seen by two or more cameras, and their triangulated box centres (N, 3)."""
     posed = [camera for camera in rig if camera.pose is not None]
     columns, bearings = [], []
     for index, camera in enumerate(posed):
