@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lenses.recorded import CASES, DEMO
-from lenses_summary import MOST_PERCENT, PART_GOALS, RECORDED_GOALS, SHARE, Summary, median, within
+from lenses_summary import GROUND_RATIO, MOST_PERCENT, PART_GOALS, POINTS_MM, RECORDED_GOALS, SHARE, Summary, median, within
 from pages.cases import Outcomes
 from pages.tables import errors, number, reached
 from passerby.simulation import PRESETS
@@ -91,6 +91,12 @@ def recorded_goals(done: Outcomes) -> list[Row]:
         left_out = f", without {' and '.join(goal.apart)}" if goal.apart else ""
         count = f"{estimated['registered']} of {outcome['cameras']}"
         rows.append([f"{key}{left_out}", f"{count}, {', '.join(measured)}", goal.in_words(0), goal.in_words(1), verdict])
+        if goal.measures:
+            points, ground = summary.measured("points")[1], summary.measured("ground")[1] / summary.measured("ground")[0]
+            asked = [f"{POINTS_MM[rank]:g} mm, {GROUND_RATIO[rank]:g} x" for rank in (0, 1)]
+            met = reached([_finite(points), _finite(ground)], *zip(POINTS_MM, GROUND_RATIO, strict=True))
+            rows.append([f"{key}: points; ground, times that with the true intrinsics",
+                         f"{number(points)} mm, {number(ground, 2)} x", *asked, met])  # fmt: skip
     return rows
 
 

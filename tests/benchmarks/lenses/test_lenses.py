@@ -175,10 +175,12 @@ def test_the_page_says_what_is_finished_and_what_is_not(bench: Bench) -> None:
 def test_a_real_set_is_held_against_its_goal(bench: Bench) -> None:
     tables = bench("lenses_tables")
     estimated = calibrated(100.0, {"C1": 1.5, "C2": 0.5}) | {"deg": 0.3}
-    (row,) = tables.recorded_goals({"wildtrack, identities known": case(estimated)})
-    assert row[-1] == "**missed**"  # 100 mm
-    (row,) = tables.recorded_goals({"wildtrack, identities known": case(estimated | {"mm": 70.0})})
-    assert row[-1] == "acceptable"
+    row, measured = tables.recorded_goals({"wildtrack, identities known": case(estimated)})
+    assert (row[-1], measured[-1]) == ("**missed**", "**missed**")  # 100 mm; nothing is known of points
+    measuring = estimated | {"mm": 70.0, "points_mm": 20.0, "ground_mm": 60.0}
+    known = calibrated(10.0, {}) | {"points_mm": 5.0, "ground_mm": 50.0}
+    row, measured = tables.recorded_goals({"wildtrack, identities known": case(measuring) | {"known": known}})
+    assert (row[-1], measured[1], measured[-1]) == ("acceptable", "20.0 mm, 1.20 x", "acceptable")
     left = case(calibrated(9000.0, {"V1": 2.0, "V4": -40.0})) | {"withheld": ["V1", "V4"]}
     (row,) = tables.recorded_goals({"pets2009, identities known": left})
     assert row[0] == "pets2009, identities known, without V4 and V7"
