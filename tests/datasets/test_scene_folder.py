@@ -1,4 +1,4 @@
-"""A data set as a scene folder: what is in it by what the set tells, and nothing where it cannot be made."""
+"""A data set as a scene folder: what is in it by what the set states, and nothing where it cannot be made."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -50,7 +50,7 @@ def files(folder: Path) -> list[str]:
 
 
 def test_identities_of_two_cameras_make_a_scene_that_is_given(tmp_path: Path, source: Path) -> None:
-    """With the truth beside it; a camera that sees nobody is left out, and that is told."""
+    """With the truth beside it; a camera that sees no one is left out, and that is noted."""
     ground = GroundTruth(np.array([2, 1]), np.array([4, 4]), np.array([[1.0, 2.0], [0.5, 2.0]]))
     published = Published(
         "yard", RIG, 25.0, {"C1": boxes(), "C2": boxes()}, {"C1": joints()}, ground=ground, notes=("A note.",)
@@ -73,7 +73,7 @@ def test_identities_of_two_cameras_make_a_scene_that_is_given(tmp_path: Path, so
     assert lines == ["frame,id,x_m,y_m", "1,4,0.5000,2.0000", "2,4,1.0000,2.0000"]
 
 
-def test_identities_of_one_camera_alone_are_truth_and_not_told_to_the_calibration(tmp_path: Path, source: Path) -> None:
+def test_identities_of_one_camera_alone_are_truth_and_kept_from_the_calibration(tmp_path: Path, source: Path) -> None:
     unposed = Rig(tuple(replace(camera, pose=None) for camera in RIG))
     published = Published("yard", unposed, 5.0, {"C1": boxes(), "C2": boxes(UNKNOWN)}, {"C2": joints(UNKNOWN), "C1": joints()})
     made = write_scene_folder(published, tmp_path / "scene", source)
@@ -107,7 +107,7 @@ def test_pictures_become_videos_where_a_scene_cannot_do_without(tmp_path: Path, 
     assert (len(listed), listed[-1]) == (10, f"C3,4,{shown['C3'][2].resolve().as_posix()}")
 
 
-def test_videos_beside_identities_make_a_second_scene(tmp_path: Path, source: Path) -> None:
+def test_videos_beside_identities_make_a_second_scene_and_keypoints_alone_make_one(tmp_path: Path, source: Path) -> None:
     named = {camera: source / f"{camera}.mp4" for camera in ("C1", "C2")}
     published = Published("yard", RIG, 25.0, {"C1": boxes(), "C2": boxes()}, videos=named)
     made = write_scene_folder(published, tmp_path / "scene", source)
@@ -116,17 +116,12 @@ def test_videos_beside_identities_make_a_second_scene(tmp_path: Path, source: Pa
     scene = Scene.load(made.videos)
     assert [str(table.video) for table in scene.cameras.values()] == [path.resolve().as_posix() for path in named.values()]
     assert (scene.association.mode, scene.scene.fps) == ("combined", None)
+    keypoints = Published("two", RIG, 5.0, keypoints=dict.fromkeys(("C1", "C2"), joints()))
+    assert write_scene_folder(keypoints, tmp_path / "alone", source).mode == "given"
+    assert read_keypoints(tmp_path / "alone" / "keypoints" / "C1.json").identity.tolist() == [4, 4]
 
 
-def test_keypoints_alone_make_a_scene(tmp_path: Path, source: Path) -> None:
-    made = write_scene_folder(
-        Published("two", RIG, 5.0, keypoints=dict.fromkeys(("C1", "C2"), joints())), tmp_path / "scene", source
-    )
-    assert made.mode == "given"
-    assert read_keypoints(tmp_path / "scene" / "keypoints" / "C1.json").identity.tolist() == [4, 4]
-
-
-def test_too_little_for_a_scene_is_told_with_why(tmp_path: Path, source: Path) -> None:
+def test_too_little_for_a_scene_is_refused_with_why(tmp_path: Path, source: Path) -> None:
     gap, shown = (source / "1.png", source / "3.png"), {"C1": pictures(source, "C1"), "C2": pictures(source, "C2")}
     two = ("C1", "C2")
     for published, told in (
@@ -147,20 +142,20 @@ def test_too_little_for_a_scene_is_told_with_why(tmp_path: Path, source: Path) -
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "said"),
     [
         (lambda path: path.write_bytes(b"broken"), r"0002\.png: is not an image that can be read: fetch it again"),
         (lambda path: cv2.imwrite(str(path), np.zeros((20, 64, 3), np.uint8)),
          r"0002\.png: has another size than .*0000\.png: images of one camera must be alike"),
     ],
 )  # fmt: skip
-def test_a_picture_that_fits_no_video_leaves_the_scene_before(tmp_path: Path, source: Path, change: object, told: str) -> None:
+def test_a_picture_that_fits_no_video_leaves_the_scene_before(tmp_path: Path, source: Path, change, said: str) -> None:
     given = Published("yard", RIG, 10.0, {"C1": boxes(), "C2": boxes()})
     write_scene_folder(given, tmp_path / "scene", source)
     before = {name: (tmp_path / "scene" / name).read_bytes() for name in files(tmp_path / "scene")}
     shown = {"C1": pictures(source, "C1"), "C2": pictures(source, "C2")}
-    change(shown["C2"][2])  # type: ignore[operator]
-    with pytest.raises(InputError, match=told):
+    change(shown["C2"][2])
+    with pytest.raises(InputError, match=said):
         write_scene_folder(replace(given, pictures=shown), tmp_path / "scene", source, film=True)
     assert {name: (tmp_path / "scene" / name).read_bytes() for name in files(tmp_path / "scene")} == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["scene", "set"]

@@ -3,7 +3,6 @@
 import shutil
 import tomllib
 
-import cv2
 import numpy as np
 import pytest
 
@@ -15,10 +14,9 @@ from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.video_writer import VideoWriter
 from support.browser import CHROMIUM
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium"),
-]
+from .conftest import decoded, listen
+
+pytestmark = [pytest.mark.system, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium")]
 
 FPS, FRAMES = 5.0, 20
 GREYS = {"C1": 60, "C2": 180}
@@ -60,9 +58,8 @@ def out(session):
 @pytest.fixture
 def page(browser, served, out):
     """Somebody at the page; an error of the console fails the test."""
-    page, errors = browser.new_context(viewport={"width": 1300, "height": 900}).new_page(), []
-    page.on("console", lambda said: errors.append(said.text) if said.type == "error" and "422" not in said.text else None)
-    page.on("pageerror", lambda error: errors.append(str(error)))
+    page = browser.new_context(viewport={"width": 1300, "height": 900}).new_page()
+    errors = listen(page, but="422")
     page.goto(served(out))
     card(page, "C1").locator(".known", has_text="frames/s").wait_for()
     yield page
@@ -95,13 +92,13 @@ def test_the_same_person_is_cut_out_of_the_other_pictures(page, out):
         figure = crops.locator("figure").nth(names.index(name))
         figure.scroll_into_view_if_needed()
         page.wait_for_timeout(500)
-        picture = cv2.imdecode(np.frombuffer(figure.locator("svg").screenshot(), np.uint8), cv2.IMREAD_COLOR)
+        picture = decoded(figure.locator("svg").screenshot())
         assert np.median(picture) == pytest.approx(grey, abs=8)
     crops.locator("figcaption", has_text="C3").get_by_text("no picture").wait_for()
     assert page.get_by_label("Height in metres, with shoes").input_value() == "1.83"
 
 
-def test_it_moved_and_all_is_kept_again(page, session):
+def test_a_camera_that_moved_is_kept_in_part_and_faults_and_findings_stand_beside_it(page, session):
     before = session.scene_file.read_text()
     page.click("[data-tool=moved]")
     frames = card(page, "C1").locator("input[type=range]")
@@ -118,8 +115,6 @@ def test_it_moved_and_all_is_kept_again(page, session):
         remove.click()
     assert tomllib.loads(session.scene_file.read_text()) == tomllib.loads(before)
 
-
-def test_faults_and_findings_stand_beside_their_camera(page, session):
     assert card(page, "C2").locator(".notes").get_by_text("camera C2 is odd").count() == 1
     assert card(page, "C2").get_by_text("Found: focal length 1203 ± 15 px · clock +0.250 ± 0.004 s").count() == 1
     assert card(page, "C1").get_by_text("Found: clock of the rig").count() == 1

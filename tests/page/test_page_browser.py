@@ -1,8 +1,5 @@
-"""The page in a real browser: six clicks make a metric, oriented rig."""
+"""The page in a real browser: six clicks make a metric, oriented rig; marks, faults and findings stand beside their camera."""
 
-import re
-import subprocess
-import sys
 import time
 import tomllib
 
@@ -10,7 +7,6 @@ import numpy as np
 import pytest
 
 from passerby.calibration.alignment.lengths import measure_length
-from passerby.cli.main import run
 from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.rig_toml import read_rig
 from passerby.page.geometry import ground_point, measure_axis
@@ -18,12 +14,11 @@ from passerby.page.work import Work
 from support.accessibility import access_faults
 from support.browser import CHROMIUM
 
+from .conftest import listen, middle
+
 pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium"),
-]
+pytestmark = [pytest.mark.system, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium")]
 
 PATIENCE_S = 240
 """A busy machine calibrates slowly; this only bounds a test that fails."""
@@ -34,53 +29,23 @@ SIGMAS = 3.0
 """Of one hand: within so many of the sigmas that the page itself states."""
 
 
-@pytest.fixture(scope="module")
-def calibrated_once(tmp_path_factory):
-    """A scene of boxes and its calibration, which knows the scale by people's heights only."""
-    folder = tmp_path_factory.mktemp("clicks")
-    options = ["--people", "6", "--seconds", "20", "--box-noise", "0.02", "--seed", "5", "--person-height-mean-m", "1.80"]
-    assert run(["simulate", "-o", str(folder / "scene"), *options]) == 0
-    scene = folder / "scene" / "scene.toml"
-    # The people are said to be of usual height, so that something is left to be marked.
-    scene.write_text(re.sub(r"(?m)^person_height.*\n", "", scene.read_text()))
-    assert run(["calibrate", str(scene), "-o", str(folder / "out"), "--no-report"]) == 0
-    return folder
-
-
 @pytest.fixture
-def calibrated_scene(calibrated_once):
-    """Its scene folder and its output folder."""
-    return calibrated_once / "scene", calibrated_once / "out"
-
-
-@pytest.fixture
-def address(calibrated_scene):
-    """Of the page, served by the program itself."""
-    command = [sys.executable, "-m", "passerby", "open", str(calibrated_scene[1]), "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        found = next(filter(None, (re.search(r"http://127.0.0.1:\d+/\S+", line) for line in server.stdout)))
-        yield found.group()
-        server.terminate()
+def address(folder, served):
+    """Of the page of the calibrated scene."""
+    return served(folder / "scene" / "scene.toml", "--out", folder / "out")
 
 
 class Hand:
     """Somebody at the page, with an unsteady hand."""
 
-    def __init__(self, browser, address, seed, **context):
-        self.page = browser.new_context(viewport={"width": 1300, "height": 900}, **context).new_page()
+    def __init__(self, browser, address):
+        self.page = browser.new_context(viewport={"width": 1300, "height": 900}).new_page()
         self.page.set_default_timeout(1000 * PATIENCE_S)
-        self.errors, self.asked = [], []
-        self.page.on("console", self.hear)
-        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.errors, self.asked = listen(self.page), []
         self.page.on("request", lambda one: self.asked.append(one.url))
-        self.rng, self.clicks = np.random.default_rng(seed), 0
+        self.rng, self.clicks = np.random.default_rng(0), 0
         self.page.goto(address)
         self.until("() => document.querySelectorAll('.layer[viewBox]').length === 4")
-
-    def hear(self, said):
-        """Keep an error of the console."""
-        if said.type == "error":
-            self.errors.append(said.text)
 
     def until(self, condition):
         """Wait until a function holds; the page's policy forbids the browser's waiting functions."""
@@ -105,11 +70,11 @@ class Hand:
         assert answer.value.status == 200
 
 
-def test_the_median_of_ten_hands(calibrated_scene):
+def test_the_median_of_ten_hands(folder):
     """The rig that six clicks make, without solving again: scaled by the length, laid along the axis."""
-    scene, out = calibrated_scene
+    scene, out = folder / "scene", folder / "out"
     truth, rig = read_rig(scene / "truth.toml"), read_rig(out / "rig.toml")
-    ends = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0] + np.array([[-2.0, -2.5, 0.0], [2.0, 2.5, 0.0]])
+    ends = middle(truth) + np.array([[-2.0, -2.5, 0.0], [2.0, 2.5, 0.0]])
     pair, axis_camera = best_views(rig, truth, ends)
     scales, headings = [], []
     for seed in range(HANDS):
@@ -127,14 +92,12 @@ def test_the_median_of_ten_hands(calibrated_scene):
     assert np.median(headings) < MEDIAN_HEADING_DEG
 
 
-def test_six_clicks_make_a_metric_and_oriented_rig(browser, address, calibrated_scene):
-    scene, out = calibrated_scene
-    truth = read_rig(scene / "truth.toml")
-    middle = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0]
-    ends = middle + np.array([[-2.0, -2.5, 0.0], [2.0, 2.5, 0.0]])
+def test_six_clicks_make_a_metric_and_oriented_rig(browser, address, folder):
+    out, truth = folder / "out", read_rig(folder / "scene" / "truth.toml")
+    ends = middle(truth) + np.array([[-2.0, -2.5, 0.0], [2.0, 2.5, 0.0]])
     before = read_rig(out / "rig.toml")
     pair, axis_camera = best_views(before, truth, ends)
-    hand = Hand(browser, address, 0)
+    hand = Hand(browser, address)
 
     hand.page.click("[data-tool=length]")
     for name in pair:
@@ -164,72 +127,59 @@ def test_six_clicks_make_a_metric_and_oriented_rig(browser, address, calibrated_
     assert all(url.startswith(address.partition("?")[0]) for url in hand.asked)
 
 
-def test_a_region_is_excluded_by_clicks_and_included_again(browser, address, calibrated_scene):
-    scene = calibrated_scene[0] / "scene.toml"
-    truth, before = read_rig(calibrated_scene[0] / "truth.toml"), scene.read_text()
-    middle = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0]
-    hand, name = Hand(browser, address, 1), truth.names[0]
-    hand.page.click("[data-tool=region]")
+def test_marks_are_made_by_clicks_and_taken_back(browser, address, folder):
+    """A region, a time, a line, and a poster that is no person: each is in the file and out of it again."""
+    scene, truth = folder / "scene" / "scene.toml", read_rig(folder / "scene" / "truth.toml")
+    before, spot = tomllib.loads(scene.read_text()), middle(truth)
+    hand, name = Hand(browser, address), truth.names[0]
+    page = hand.page
+    page.click("[data-tool=region]")
     for x, y in ((-1, -1), (1, -1), (1, 1)):
-        hand.click(truth[name], middle + [x, y, 0])
+        hand.click(truth[name], spot + [x, y, 0])
     hand.save("Exclude the region")
     (corners,) = tomllib.loads(scene.read_text())["cameras"][name]["exclude"]
     assert len(corners) == 3
     hand.until("() => document.querySelectorAll('.region').length === 1")
-    hand.page.click("[data-tool=time]")
-    hand.click(truth[name], middle)
-    hand.page.get_by_label("From, seconds of its recording").fill("1.5")
-    hand.page.get_by_label("To, seconds", exact=True).fill("2")
+    page.click("[data-tool=time]")
+    hand.click(truth[name], spot)
+    page.get_by_label("From, seconds of its recording").fill("1.5")
+    page.get_by_label("To, seconds", exact=True).fill("2")
     hand.save("Exclude the time")
     assert tomllib.loads(scene.read_text())["cameras"][name]["exclude_s"] == [[1.5, 2.0]]
     for label in (f"Remove: Region 1 of {name}", f"Remove: Camera {name} is not used"):
         hand.save(label)
-    assert tomllib.loads(scene.read_text()) == tomllib.loads(before)
-    assert hand.errors == []
+    assert tomllib.loads(scene.read_text()) == before
 
-
-def test_a_line_is_marked_by_clicks_and_removed(browser, address, calibrated_scene):
-    scene = calibrated_scene[0] / "scene.toml"
-    truth, before = read_rig(calibrated_scene[0] / "truth.toml"), scene.read_text()
-    middle = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0]
-    hand, name = Hand(browser, address, 3), truth.names[0]
-    hand.page.click("[data-tool=line]")
+    page.click("[data-tool=line]")
     for height in (0.0, 2.0):
-        hand.click(truth[name], middle + [0, 0, height])
+        hand.click(truth[name], spot + [0, 0, height])
     hand.until("() => document.getElementById('line-told').textContent.includes('it is off by')")
     hand.save("Save the line")
     (line,) = tomllib.loads(scene.read_text())["world"]["lines"]
     assert (line["direction"], list(line["points"])) == ("vertical", [name])
     hand.save("Remove: A vertical line")
-    assert tomllib.loads(scene.read_text()) == tomllib.loads(before)
-    assert hand.errors == []
+    assert tomllib.loads(scene.read_text()) == before
 
-
-def test_a_poster_is_clicked_once_and_the_click_taken_back(browser, address, calibrated_scene):
-    scene = calibrated_scene[0] / "scene.toml"
-    before = scene.read_text()
-    hand = Hand(browser, address, 4)
-    hand.page.click("[data-tool=identity]")
+    page.click("[data-tool=identity]")
     hand.until("() => document.querySelectorAll('.box').length > 0")
-    box = hand.page.locator("article[aria-label='Camera C1'] .box").first
+    box = page.locator("article[aria-label='Camera C1'] .box").first
     box.scroll_into_view_if_needed()
     shown = box.bounding_box()
-    hand.page.mouse.click(shown["x"] + shown["width"] / 2, shown["y"] + shown["height"] / 2)
-    assert hand.page.get_by_role("button", name="The same person").is_disabled()
+    page.mouse.click(shown["x"] + shown["width"] / 2, shown["y"] + shown["height"] / 2)
+    assert page.get_by_role("button", name="The same person").is_disabled()
     hand.save("Not a person")
-    (nobody,) = tomllib.loads(scene.read_text())["association"]["not_people"]
-    assert nobody["camera"] == "C1"
-    with hand.page.expect_response("**/api/act"):
-        hand.page.get_by_role("button", name="Undo").click()
-    assert tomllib.loads(scene.read_text()) == tomllib.loads(before)
+    (poster,) = tomllib.loads(scene.read_text())["association"]["not_people"]
+    assert poster["camera"] == "C1"
+    hand.save("Undo")
+    assert tomllib.loads(scene.read_text()) == before
     assert hand.errors == []
 
 
-def test_an_answer_of_before_an_act_does_not_undo_it_on_the_page(browser, address, calibrated_scene):
+def test_an_answer_of_before_an_act_does_not_undo_it_on_the_page(browser, address, folder):
     """The page asks for the state again and again. An answer that was under way during an act is older than the act's own."""
-    scene = calibrated_scene[0] / "scene.toml"
+    scene = folder / "scene" / "scene.toml"
     before = scene.read_text()
-    hand, held = Hand(browser, address, 5), []
+    hand, held = Hand(browser, address), []
     hand.page.route("**/api/state", lambda route: held.append((route, route.fetch())))
     end = time.monotonic() + PATIENCE_S
     while not held:
@@ -247,13 +197,14 @@ def test_an_answer_of_before_an_act_does_not_undo_it_on_the_page(browser, addres
     assert hand.errors == []
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious_whatever_is_shown(browser, address, scheme):
+def test_axe_finds_nothing_serious_whatever_is_shown(browser, address):
     """At every tool, since each has a form of its own."""
-    hand = Hand(browser, address, 2, color_scheme=scheme)
-    for button in hand.page.locator("[data-tool]").all():
-        button.click()
-        assert access_faults(hand.page) == [], button.text_content()
+    hand = Hand(browser, address)
+    for scheme in ("light", "dark"):
+        hand.page.emulate_media(color_scheme=scheme)
+        for button in hand.page.locator("[data-tool]").all():
+            button.click()
+            assert access_faults(hand.page) == [], (scheme, button.text_content())
 
 
 def best_views(rig, truth, ends):

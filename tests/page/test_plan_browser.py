@@ -2,9 +2,6 @@
 
 import json
 import re
-import shutil
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 
 import cv2
@@ -15,15 +12,12 @@ from passerby.interchange.rig_toml import read_rig
 from passerby.scene.scene import Scene
 from support.browser import CHROMIUM
 
-from .plan_support import UNIT, DrawnPlan
-from .test_page_browser import CLICK_SD_PX, PATIENCE_S, Hand
+from .conftest import UNIT, DrawnPlan, middle
+from .test_page_browser import CLICK_SD_PX, Hand
 
 pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium"),
-]
+pytestmark = [pytest.mark.system, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium")]
 
 WIDTH_SEEN = "Number(document.querySelector('#plan-place .plan-layer').getAttribute('viewBox').split(' ')[2])"
 CLICKED_PX = 5.0
@@ -34,54 +28,30 @@ PLACED_M = 0.25
 """Of each camera on the plan after the calibration: six sigmas of a click of 2 px, and what people leave."""
 
 
-@pytest.fixture(scope="module")
-def calibrated_once(tmp_path_factory):
-    """A scene of boxes and its calibration, in the frame of its first camera, with people said to be of usual height."""
-    folder = tmp_path_factory.mktemp("plan")
-    options = ["--people", "6", "--seconds", "20", "--box-noise", "0.02", "--seed", "5", "--person-height-mean-m", "1.80"]
-    passerby("simulate", "-o", str(folder / "scene"), *options)
-    scene = folder / "scene" / "scene.toml"
-    scene.write_text(re.sub(r"(?m)^person_height.*\n", "", scene.read_text()))
-    passerby("calibrate", str(scene), "-o", str(folder / "out"), "--no-report")
-    return folder
-
-
-def passerby(*arguments):
-    """In a process of its own: this one drives a browser."""
-    subprocess.run([sys.executable, "-m", "passerby", *arguments], check=True, capture_output=True)
-
-
-@pytest.fixture
-def folder(calibrated_once, tmp_path):
-    """A copy."""
-    return shutil.copytree(calibrated_once, tmp_path / "copy")
-
-
-@pytest.fixture
-def address(folder):
-    opened = [str(folder / "scene" / "scene.toml"), "--out", str(folder / "out"), "--no-browser"]
-    with subprocess.Popen([sys.executable, "-m", "passerby", "open", *opened], stdout=subprocess.PIPE, text=True) as server:
-        found = next(filter(None, (re.search(r"http://127.0.0.1:\d+/\S+", line) for line in server.stdout)))
-        yield found.group()
-        server.terminate()
-        try:
-            server.wait(PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            server.kill()
-            raise
-
-
 class Placer(Hand):
     """Somebody who places a plan."""
 
-    def __init__(self, browser, address, plan, seed=0):
-        super().__init__(browser, address, seed)
-        self.plan = plan
+    def __init__(self, browser, address, folder):
+        super().__init__(browser, address)
+        self.address = address
+        self.plan = DrawnPlan(read_rig(folder / "scene" / "truth.toml"))
+        self.path = folder / "Haus <b>.png"
+        self.path.write_bytes(self.plan.png)
 
-    def upload(self, path):
-        """Choose a file, and wait until it is shown."""
-        self.page.set_input_files("#plan-file", str(path))
+    def upload(self, metres_per_pixel=None):
+        """Choose the plan, and wait until it is shown; give its scale."""
+        self.page.set_input_files("#plan-file", str(self.path))
         self.until("() => Boolean(document.querySelector('#plan-place .plan-layer image'))")
+        if metres_per_pixel:
+            self.page.get_by_label("Metres per pixel").fill(str(metres_per_pixel))
+            self.page.keyboard.press("Tab")
+
+    def place(self, *names):
+        """Click cameras where they are."""
+        self.choose("Place a camera")
+        for name in names:
+            self.page.get_by_label("Camera to be placed").select_option(name)
+            self.click_plan(self.plan.pixel(self.plan.truth[name].centre))
 
     def choose(self, label):
         """Press one of the buttons above the plan."""
@@ -105,31 +75,28 @@ class Placer(Hand):
 
 
 @pytest.fixture
-def placer(browser, address, folder):
-    plan = DrawnPlan(read_rig(folder / "scene" / "truth.toml"))
-    (folder / "Haus <b>.png").write_bytes(plan.png)
-    placer = Placer(browser, address, plan)
+def placer(browser, served, folder):
+    """Fails at the end where the page said something was wrong."""
+    placer = Placer(browser, served(folder / "scene" / "scene.toml", "--out", folder / "out"), folder)
     yield placer
+    assert placer.errors == []
     placer.page.context.close()
 
 
-def test_a_plan_is_placed_by_clicks_and_the_rig_is_solved_upon_it(placer, folder, address):
+def test_a_plan_is_placed_by_clicks_and_the_rig_is_solved_upon_it(placer, folder):
     plan, truth, scene = placer.plan, placer.plan.truth, folder / "scene" / "scene.toml"
-    placer.upload(folder / "Haus <b>.png")
+    placer.upload()
     assert "Haus <b>.png" in placer.text("#plan-place")
     long = plan.size[0] - 100.0
     placer.click_plan([50, 50])
     placer.click_plan([50 + long, 50])
     placer.page.get_by_label("Metres between the two clicks").fill(f"{long * UNIT:.3f}")
     placer.page.keyboard.press("Tab")
-    placer.choose("Place a camera")
-    for name in ("C1", "C3"):
-        placer.page.get_by_label("Camera to be placed").select_option(name)
-        placer.click_plan(plan.pixel(truth[name].centre))
+    placer.place("C1", "C3")
     placer.until(FITTED)
     assert len(placer.page.locator("#plan-place .plan-seen").all()) == 4, "all cameras are shown before it is saved"
     placer.choose("Place a point")
-    spot = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0]
+    spot = middle(truth)
     placer.click_plan(plan.pixel(spot))
     assert placer.page.get_by_role("button", name="Save the plan").is_disabled()
     for name in ("C1", "C2"):
@@ -148,20 +115,14 @@ def test_a_plan_is_placed_by_clicks_and_the_rig_is_solved_upon_it(placer, folder
     corner = plan.corner - (0, plan.size[1] * UNIT)
     for camera in read_rig(folder / "out" / "rig.toml"):
         assert np.linalg.norm(camera.centre[:2] - (truth[camera.name].centre[:2] - corner)) < PLACED_M
-    assert placer.errors == []
-    assert all(url.startswith((address.partition("?")[0], "blob:")) for url in placer.asked)
+    assert all(url.startswith((placer.address.partition("?")[0], "blob:")) for url in placer.asked)
 
 
 def test_a_saved_plan_is_changed_undone_and_removed(placer, folder):
-    plan, truth, scene = placer.plan, placer.plan.truth, folder / "scene" / "scene.toml"
+    scene = folder / "scene" / "scene.toml"
     before = scene.read_bytes()
-    placer.upload(folder / "Haus <b>.png")
-    placer.page.get_by_label("Metres per pixel").fill(str(UNIT))
-    placer.page.keyboard.press("Tab")
-    placer.choose("Place a camera")
-    for name in ("C1", "C2", "C3"):
-        placer.page.get_by_label("Camera to be placed").select_option(name)
-        placer.click_plan(plan.pixel(truth[name].centre))
+    placer.upload(UNIT)
+    placer.place("C1", "C2", "C3")
     placer.save("Save the plan")
     placer.until(FITTED)
     placer.page.reload()
@@ -181,16 +142,12 @@ def test_a_saved_plan_is_changed_undone_and_removed(placer, folder):
     placer.until(FITTED)
     placer.save("Undo")
     assert scene.read_bytes() == before
-    assert placer.errors == []
 
 
 def test_points_alone_are_enough_and_a_wrong_one_is_changed(placer, folder):
     plan, truth, scene = placer.plan, placer.plan.truth, folder / "scene" / "scene.toml"
-    middle = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0]
-    right = [middle + [-1.5, -2.0, 0], middle + [1.5, 2.0, 0]]
-    placer.upload(folder / "Haus <b>.png")
-    placer.page.get_by_label("Metres per pixel").fill(str(UNIT))
-    placer.page.keyboard.press("Tab")
+    right = [middle(truth) + [-1.5, -2.0, 0], middle(truth) + [1.5, 2.0, 0]]
+    placer.upload(UNIT)
     placer.choose("Place a point")
     for number, spot in enumerate(right):
         placer.click_plan(plan.pixel(spot + [0, 3.0 * number, 0]))  # the second one is clicked 3 m off
@@ -207,69 +164,10 @@ def test_points_alone_are_enough_and_a_wrong_one_is_changed(placer, folder):
     assert (set(first.pixels), set(second.pixels)) == ({"C1"}, {"C1", "C2"})
     for name, at in second.pixels.items():
         assert np.linalg.norm(np.subtract(at, truth[name].project(right[1])[0])) < 5 * CLICK_SD_PX
-    assert placer.errors == []
 
 
-def test_a_camera_is_placed_without_a_mouse(placer, folder):
-    placer.upload(folder / "Haus <b>.png")
-    placer.choose("Place a camera")
-    stage = placer.page.locator("#plan-place .plan-stage")
-    stage.focus()
-    for key in ("+", "ArrowRight", "Shift+ArrowUp", "Enter"):
-        placer.page.keyboard.press(key)
-    placer.until("() => document.querySelector('#plan-place').textContent.includes('Camera C1 at')")
-    at = [int(one) for one in re.search(r"Camera C1 at (\d+), (\d+)", placer.text("#plan-place")).groups()]
-    middle = np.array(placer.plan.size) / 2
-    assert middle[0] < at[0] < middle[0] + 60
-    assert middle[1] - 10 < at[1] <= middle[1]
-
-
-def test_the_plan_is_zoomed_by_wheel_buttons_and_fingers_and_moved_by_dragging(placer, folder):
-    placer.upload(folder / "Haus <b>.png")
-    stage = placer.page.locator("#plan-place .plan-stage")
-    stage.scroll_into_view_if_needed()
-    box = stage.bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-
-    def seen():
-        return [float(one) for one in placer.page.locator("#plan-place .plan-layer").get_attribute("viewBox").split()]
-
-    whole = seen()
-    stage.focus()
-    placer.page.mouse.move(x, y)
-    placer.page.mouse.wheel(0, -100)
-    placer.until(f"() => {WIDTH_SEEN} < {whole[2] - 1}")
-    placer.page.locator("#plan-place").get_by_role("button", name="Zoom in").click()
-    near = seen()
-    assert near[2] == pytest.approx(whole[2] / 1.2 / 1.5)
-    stage.scroll_into_view_if_needed()
-    placer.page.mouse.move(x, y)
-    placer.page.mouse.down()
-    placer.page.mouse.move(x + 40, y + 20, steps=4)
-    placer.page.mouse.up()
-    assert seen()[0] < near[0]
-    assert seen()[2] == near[2]
-    assert "Camera C1 at" not in placer.text("#plan-place"), "a drag is no click"
-    placer.page.locator("#plan-place").get_by_role("button", name="Show the whole drawing").click()
-    assert seen() == whole
-    fingers = placer.page.context.new_cdp_session(placer.page)
-    for kind, apart in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80), ("touchEnd", None)):
-        points = [] if apart is None else [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
-        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-    placer.until(f"() => {WIDTH_SEEN} < {0.6 * whole[2]}")
-    assert placer.errors == []
-
-
-def test_a_file_that_is_no_plan_is_refused_with_a_sentence(placer, folder):
-    (folder / "notes.png").write_text("no picture")
-    placer.page.set_input_files("#plan-file", str(folder / "notes.png"))
-    placer.until("() => document.getElementById('message').textContent.includes('neither a PNG nor a JPEG')")
-    (folder / "huge.png").write_bytes(b"\0" * 25_000_001)
-    placer.page.set_input_files("#plan-file", str(folder / "huge.png"))
-    placer.until("() => document.getElementById('message').textContent.includes('may have 25 MB')")
-
-
-def test_the_view_is_saved_as_png_svg_and_geojson(placer, tmp_path):
+def test_the_plan_is_zoomed_moved_and_used_without_a_mouse_and_the_view_is_saved(placer, folder, tmp_path):
+    """A drag is no click; fingers and the wheel zoom; the view is saved as PNG, SVG and GeoJSON."""
     placer.until("() => document.querySelectorAll('#plan-view .plan-camera').length === 4")
     found = {}
     for role, label in (("button", "PNG"), ("link", "SVG"), ("link", "GeoJSON")):
@@ -282,4 +180,60 @@ def test_the_view_is_saved_as_png_svg_and_geojson(placer, tmp_path):
     assert picture.shape[:2] == tuple(round(float(root.get(key))) for key in ("height", "width"))
     assert (picture == 255).mean() < 0.99, "something is drawn"
     assert len(json.loads(found["GeoJSON"].read_text())["features"]) >= 8
-    assert placer.errors == []
+
+    placer.upload()
+    stage = placer.page.locator("#plan-place .plan-stage")
+
+    def middle_of_stage():
+        stage.scroll_into_view_if_needed()
+        box = stage.bounding_box()
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def seen():
+        return [float(one) for one in placer.page.locator("#plan-place .plan-layer").get_attribute("viewBox").split()]
+
+    whole, (x, y) = seen(), middle_of_stage()
+    stage.focus()
+    placer.page.mouse.move(x, y)
+    placer.page.mouse.wheel(0, -100)
+    placer.until(f"() => {WIDTH_SEEN} < {whole[2] - 1}")
+    placer.page.locator("#plan-place").get_by_role("button", name="Zoom in").click()
+    near = seen()
+    assert near[2] == pytest.approx(whole[2] / 1.2 / 1.5)
+    x, y = middle_of_stage()
+    placer.page.mouse.move(x, y)
+    placer.page.mouse.down()
+    placer.page.mouse.move(x + 40, y + 20, steps=4)
+    placer.page.mouse.up()
+    assert seen()[0] < near[0]
+    assert seen()[2] == near[2]
+    assert "Camera C1 at" not in placer.text("#plan-place"), "a drag is no click"
+    placer.page.locator("#plan-place").get_by_role("button", name="Show the whole drawing").click()
+    assert seen() == whole
+    fingers, (x, y) = placer.page.context.new_cdp_session(placer.page), middle_of_stage()
+    for kind, apart in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80), ("touchEnd", None)):
+        points = [] if apart is None else [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    placer.until(f"() => {WIDTH_SEEN} < {0.6 * whole[2]}")
+    placer.page.locator("#plan-place").get_by_role("button", name="Show the whole drawing").click()
+
+    placer.choose("Place a camera")
+    stage.focus()
+    for key in ("+", "ArrowRight", "Shift+ArrowUp", "Enter"):
+        placer.page.keyboard.press(key)
+    placer.until("() => document.querySelector('#plan-place').textContent.includes('Camera C1 at')")
+    at = [int(one) for one in re.search(r"Camera C1 at (\d+), (\d+)", placer.text("#plan-place")).groups()]
+    centre = np.array(placer.plan.size) / 2
+    assert centre[0] < at[0] < centre[0] + 60
+    assert centre[1] - 10 < at[1] <= centre[1]
+
+
+def test_a_file_that_is_no_plan_is_refused_with_a_sentence(placer, folder):
+    for name, content, said in (
+        ("notes.png", b"no picture", "neither a PNG nor a JPEG"), ("huge.png", b"\0" * 25_000_001, "may have 25 MB"),
+    ):  # fmt: skip
+        (folder / name).write_bytes(content)
+        placer.page.set_input_files("#plan-file", str(folder / name))
+        placer.until(f"() => document.getElementById('message').textContent.includes('{said}')")
+    assert all("422" in one for one in placer.errors)
+    placer.errors.clear()

@@ -20,7 +20,7 @@ from passerby.page.plan_shapes import caption, drawing, geojson_text, shapes, sv
 from passerby.page.plan_view import Backdrop, view_of
 from passerby.report.fitted import FittedTrajectories
 
-from .plan_support import UNIT, DrawnPlan
+from .conftest import UNIT, DrawnPlan
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -59,7 +59,7 @@ def of_kind(view, kind):
     return [np.array(one["points"]) for one in shapes(view) if one["kind"] == kind]
 
 
-def test_everything_is_drawn_where_the_rig_has_it(view, truth, ways):
+def test_everything_is_drawn_where_the_rig_has_it_and_as_large_as_it_says(view, truth, ways):
     centres = np.array([camera.centre[:2] for camera in truth])
     assert np.concatenate(of_kind(view, "camera")) == pytest.approx(centres * (1, -1), abs=1e-3)
     for camera, stroke in zip(truth, of_kind(view, "heading"), strict=True):
@@ -72,17 +72,11 @@ def test_everything_is_drawn_where_the_rig_has_it(view, truth, ways):
     everything = np.concatenate([np.concatenate(of_kind(view, kind)) for kind in ("camera", "path")])
     assert (everything >= [x, y]).all()
     assert (everything <= [x + width, y + height]).all()
-
-
-def test_ellipses_and_the_scale_bar_are_as_large_as_they_say(view):
     times = int(re.search(r"drawn (\d+) times", caption(view))[1]) if "times as large" in caption(view) else 1
     for outline in of_kind(view, "sigma"):
         assert np.ptp(outline, axis=0) / 2 == pytest.approx(times * np.array([0.2, 0.1]), rel=0.01)
     (bar,), (label,) = of_kind(view, "bar"), [one["text"] for one in shapes(view) if one["kind"] == "bar-label"]
     assert label == f"{bar[1][0] - bar[0][0]:g} m"
-
-
-def test_fields_of_view_are_ground_that_the_camera_sees(view, truth):
     for camera, outline in zip(truth, of_kind(view, "seen"), strict=True):
         middle = (outline[:-1].mean(axis=0) * (1, -1)).tolist()
         pixel = camera.project(np.array([[*middle, 0.0]]))[0]
@@ -91,7 +85,7 @@ def test_fields_of_view_are_ground_that_the_camera_sees(view, truth):
         assert -1 < pixel[0] < camera.lens.size[0] + 1
 
 
-def test_the_plan_lies_where_its_pixels_say(on_plan, truth):
+def test_the_plan_lies_where_its_pixels_say_also_in_the_saved_drawing(on_plan, truth):
     plan = DrawnPlan(truth)
     x, y, width, height = drawing(on_plan)["backdrop"]
     assert (width, height) == pytest.approx(np.array(plan.size) * UNIT, abs=1e-3)
@@ -101,9 +95,6 @@ def test_the_plan_lies_where_its_pixels_say(on_plan, truth):
     assert of_kind(on_plan, "grid") == []
     told = json.loads(geojson_text(on_plan))["plan"]
     assert (told["metres_per_pixel"], len(told["origin_px"])) == (UNIT, 2)
-
-
-def test_the_saved_drawing_is_whole_and_holds_its_plan(on_plan, truth):
     root = ET.fromstring(svg_text(on_plan))
     assert {one.text for one in root.iter(f"{SVG}text")} >= set(truth.names)
     (image,) = root.iter(f"{SVG}image")
@@ -120,7 +111,7 @@ def test_the_saved_drawing_is_whole_and_holds_its_plan(on_plan, truth):
     assert "style=" not in svg_text(on_plan)
 
 
-def test_a_name_with_markup_is_text(truth, ways):
+def test_a_name_with_markup_is_text_and_cameras_without_a_pose_or_a_sigma_are_named(truth, ways):
     name = '<script>alert(1)</script>&"\x00\x1b'
     first, *others = truth
     rig = Rig((Camera(name, first.lens, first.pose), *others))
@@ -129,6 +120,13 @@ def test_a_name_with_markup_is_text(truth, ways):
     assert not list(root.iter(f"{SVG}script"))
     assert any("<script>" in (one.text or "") for one in root.iter(f"{SVG}text"))
     assert json.loads(geojson_text(found))["features"][0]["properties"]["camera"] == name
+    first, second, *others = truth
+    rig = Rig((Camera(first.name, first.lens), Camera(second.name, second.lens, second.pose), *others))
+    found = view_of(rig, ways, None, [])
+    assert f"not registered: {first.name}" in caption(found)
+    assert len(of_kind(found, "sigma")) == len(of_kind(found, "camera")) - 1 == 2
+    properties = [one["properties"] for one in json.loads(geojson_text(found))["features"]]
+    assert next(one["ground_sigma_m"] for one in properties if one["kind"] == "camera") is None
 
 
 def check_rfc_7946(collection):
@@ -187,10 +185,15 @@ def test_geojson_of_a_rig_by_positions_in_degrees_has_longitude_and_latitude(tru
         assert one["properties"]["azimuth_deg"] == pytest.approx((90 - camera.pose.heading_deg) % 360, abs=0.1)
 
 
-def test_the_page_gets_the_view_and_its_files(client, session):
-    told = client.get("/api/plan/view").json()
-    assert sum(one["kind"] == "camera" for one in told["shapes"]) == 4
-    assert told["backdrop"] is None
+def test_the_page_gets_the_view_and_its_files_and_they_follow_the_rig(client, session, truth):
+    def cameras():
+        return [one["points"] for one in client.get("/api/plan/view").json()["shapes"] if one["kind"] == "camera"]
+
+    before = cameras()
+    assert len(before) == 4
+    assert client.get("/api/plan/view").json()["backdrop"] is None
+    write_rig(session.out / "rig.toml", truth.moved(np.eye(3), np.array([5.0, 0.0, 0.0])))
+    assert cameras() != before
     for path, kind in (("/plan/view.svg", "image/svg+xml"), ("/plan/view.geojson", "application/geo+json")):
         answer = client.get(path)
         assert answer.headers["content-type"] == kind
@@ -199,22 +202,3 @@ def test_the_page_gets_the_view_and_its_files(client, session):
     assert "no plan" in client.get("/plan/backdrop").json()["error"]
     (session.out / "rig.toml").unlink()
     assert "calibrate first" in client.get("/api/plan/view").json()["error"]
-
-
-def test_the_view_follows_the_rig(client, session, truth):
-    def cameras():
-        return [one["points"] for one in client.get("/api/plan/view").json()["shapes"] if one["kind"] == "camera"]
-
-    before = cameras()
-    write_rig(session.out / "rig.toml", truth.moved(np.eye(3), np.array([5.0, 0.0, 0.0])))
-    assert cameras() != before
-
-
-def test_cameras_without_a_pose_or_a_sigma_are_told(truth, ways):
-    first, second, *others = truth
-    rig = Rig((Camera(first.name, first.lens), Camera(second.name, second.lens, second.pose), *others))
-    found = view_of(rig, ways, None, [])
-    assert f"not registered: {first.name}" in caption(found)
-    assert len(of_kind(found, "sigma")) == len(of_kind(found, "camera")) - 1 == 2
-    properties = [one["properties"] for one in json.loads(geojson_text(found))["features"]]
-    assert next(one["ground_sigma_m"] for one in properties if one["kind"] == "camera") is None

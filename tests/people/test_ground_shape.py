@@ -14,21 +14,20 @@ from passerby.simulation.disturbances import Ground, film_disturbed, level
 OPTIONS = SimulationOptions(seconds=30.0, people=6, box_noise=0.02, seed=4)
 
 
-def calibrated(ground: Ground, **tables: object) -> tuple[SimulatedScene, Calibration]:
+def calibrated(ground: Ground) -> tuple[SimulatedScene, Calibration]:
     simulated = simulate(OPTIONS, film_disturbed(OPTIONS, ground=ground))
     boxes = {name: simulated.observations[name].boxes for name in simulated.rig.names}
-    return simulated, passerby.calibrate_observations(simulated.rig, boxes, fps=5.0, association={"mode": "given"}, **tables)
+    return simulated, passerby.calibrate_observations(simulated.rig, boxes, fps=5.0, association={"mode": "given"})
 
 
 @pytest.mark.system
-def test_a_step_is_told_and_the_cameras_stand_right_to_each_other():
+def test_a_step_is_reported_and_the_cameras_stand_right_to_each_other():
     simulated, calibration = calibrated(lambda xy: np.where(xy[..., 0] > 0, 1.0, 0.0))
     flat = calibrated(level)[1].figures.measuring.ground
     assert "ground_uneven" in [one.code for one in calibration.notices]
     assert not any("lens" in one.code for one in calibration.diagnostics), "a step looks like a wrong principal point"
-    assert (
-        calibration.figures.measuring.ground.median_mm > 1.5 * flat.median_mm
-    )  # positions on it are as uncertain as it is uneven
+    # Positions on it are as uncertain as it is uneven.
+    assert calibration.figures.measuring.ground.median_mm > 1.5 * flat.median_mm
     assert compare(calibration.rig, simulated.rig).similarity.mean_position_mm < 30  # measured 13, and 6 on level ground
     assert calibration.figures.ground.chance_sigmas > 8
 
@@ -49,8 +48,8 @@ def shape_of(height: np.ndarray, places: np.ndarray) -> GroundShape | None:
     return ground_shape(TriangulatedPeople(np.arange(n) // 4, np.arange(n) % 4, place, spread), 0.5)
 
 
-def test_heights_of_people_and_who_works_near_the_ground_are_no_shape_of_it():
-    """Who is tall stays on one side."""
+def test_heights_of_people_and_work_near_the_ground_are_no_shape_of_it():
+    """Tall people stay on one side."""
     n, rng = 4000, np.random.default_rng(0)
     who = np.arange(n) % 4
     places = rng.uniform(-5, 5, (n, 2)) + np.column_stack([2.0 * (who - 1.5), np.zeros(n)])

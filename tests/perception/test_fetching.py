@@ -35,8 +35,8 @@ def target(tmp_path):
     return tmp_path / "deep" / "tiny.onnx"
 
 
-def get(server, target, **more):
-    fetch(server.url, target, SHA256, len(BODY), **more)
+def get(server, target, url=None, **more):
+    fetch(url or server.url, target, SHA256, len(BODY), **more)
 
 
 def other_process(server, target):
@@ -58,13 +58,13 @@ def visible(target):
     return [path.name for path in target.parent.iterdir() if not path.name.startswith(".")]
 
 
-def test_arrives_whole_and_tells_how_far_it_is(server, target):
-    told = []
-    get(server, target, tell=lambda stage, done=0, total=0: told.append((stage, done, total)))
+def test_arrives_whole_and_reports_progress(server, target):
+    heard = []
+    get(server, target, tell=lambda stage, done=0, total=0: heard.append((stage, done, total)))
     assert target.read_bytes() == BODY
     assert not part_of(target).exists()
-    assert (told[0], told[-1]) == (("fetching tiny.onnx (kB)", 0, 300), ("fetching tiny.onnx (kB)", 300, 300))
-    done = [item[1] for item in told]
+    assert (heard[0], heard[-1]) == (("fetching tiny.onnx (kB)", 0, 300), ("fetching tiny.onnx (kB)", 300, 300))
+    done = [item[1] for item in heard]
     assert done == sorted(done)
     assert len(set(done)) > 2
 
@@ -119,7 +119,7 @@ def test_a_killed_process_is_gone_on_with(server, target):
 
 
 @pytest.mark.parametrize(
-    ("body", "told"),
+    ("body", "said"),
     [
         (BODY[:-1] + bytes([BODY[-1] ^ 1]), f"SHA-256 .* instead of {SHA256}.*PASSERBY_MODELS"),
         (b"<html>please log in</html>", r"\(26 bytes instead of 300000\)"),
@@ -127,26 +127,29 @@ def test_a_killed_process_is_gone_on_with(server, target):
     ],
     ids=["checksum", "page", "longer"],
 )
-def test_another_file_is_refused_and_leaves_nothing(server, target, body, told):
+def test_another_file_is_refused_and_leaves_nothing(server, target, body, said):
     server.body = body
-    with pytest.raises(InputError, match=rf"{server.url}: sends another file:? ?{told}"):
+    with pytest.raises(InputError, match=rf"{server.url}: sends another file:? ?{said}"):
         get(server, target)
     assert visible(target) == []
     assert not part_of(target).exists()
 
 
-def test_a_refusal_no_server_and_one_that_never_answers_are_reasons(server, target, monkeypatch):
+def test_a_refusal_no_server_a_mute_one_and_a_folder_that_cannot_be_written_are_reasons(server, target, monkeypatch):
     server.status = 404
     with pytest.raises(UnreachableError, match=r"tiny\.onnx: the server says 404"):
         get(server, target)
     monkeypatch.setattr(fetching, "ANSWER_S", 0.1)
     with socket.socket() as closed, socket.create_server(("127.0.0.1", 0)) as mute:
         closed.bind(("127.0.0.1", 0))
-        for one, told in ((closed, "no connection"), (mute, "no answer within 0.1 s")):
+        for one, said in ((closed, "no connection"), (mute, "no answer within 0.1 s")):
             port = one.getsockname()[1]
-            with pytest.raises(UnreachableError, match=rf"127\.0\.0\.1:{port}: {told}"):
-                fetch(f"http://127.0.0.1:{port}/tiny.onnx", target, SHA256, len(BODY))
+            with pytest.raises(UnreachableError, match=rf"127\.0\.0\.1:{port}: {said}"):
+                get(server, target, f"http://127.0.0.1:{port}/tiny.onnx")
     assert not target.parent.exists() or visible(target) == []
+    target.parents[1].joinpath("file").write_text("no folder")
+    with pytest.raises(UnreachableError, match=r"file.*: cannot be written"):
+        get(server, target.parents[1] / "file" / "tiny.onnx")
 
 
 @pytest.mark.slow
@@ -165,12 +168,18 @@ def test_a_transfer_that_stalls(server, target, monkeypatch):
     assert not target.exists()
 
 
-def test_no_downloads_where_the_user_forbids_them_or_the_file_is_there(server, target, monkeypatch):
+def test_nothing_is_fetched_where_the_user_forbids_it_the_line_is_open_or_the_file_is_there(server, target, monkeypatch):
     monkeypatch.setenv("PASSERBY_OFFLINE", "1")
     with pytest.raises(UnreachableError, match="PASSERBY_OFFLINE is set"):
         get(server, target)
     assert server.asked == []
     monkeypatch.setenv("PASSERBY_OFFLINE", "0")
+    server.location = "http://example.invalid/a"
+    for url in (server.location, server.url):
+        with pytest.raises(InputError, match=r"http://example\.invalid/a: is not an https address"):
+            get(server, target, url)
+    server.location = None
+    server.asked.clear()
     get(server, target)
     target.write_bytes(b"mine")
     get(server, target)
@@ -180,33 +189,20 @@ def test_no_downloads_where_the_user_forbids_them_or_the_file_is_there(server, t
 def test_a_proxy_is_asked_in_place_of_the_server(server, target, monkeypatch):
     monkeypatch.setenv("no_proxy", "")
     monkeypatch.setenv("http_proxy", f"http://127.0.0.1:{server.port}")
-    fetch("http://localhost:1/tiny.onnx", target, SHA256, len(BODY))
+    get(server, target, "http://localhost:1/tiny.onnx")
     assert (target.read_bytes(), server.asked) == (BODY, [None])
-
-
-def test_nothing_is_fetched_over_an_open_line(server, target):
-    server.location = "http://example.invalid/a"
-    for url in (server.location, server.url):
-        with pytest.raises(InputError, match=r"http://example\.invalid/a: is not an https address"):
-            fetch(url, target, SHA256, len(BODY))
-
-
-def test_a_folder_that_cannot_be_written(server, tmp_path):
-    (tmp_path / "file").write_text("no folder")
-    with pytest.raises(UnreachableError, match=r"file.*: cannot be written"):
-        get(server, tmp_path / "file" / "tiny.onnx")
 
 
 def test_two_processes_fetch_it_once(server, target):
     server.hold = threading.Event()
     processes = [other_process(server, target) for _ in range(2)]
     until(lambda: server.asked, *processes)
-    told = []
+    heard = []
 
     def tell(stage, done=0, total=0):
-        told.append(stage)
+        heard.append(stage)
         server.hold.set()
 
     get(server, target, tell=tell)
     assert ([process.wait() for process in processes], target.read_bytes(), server.asked) == ([0, 0], BODY, [None])
-    assert told[0] == "waiting for another process that is fetching tiny.onnx"
+    assert heard[0] == "waiting for another process that is fetching tiny.onnx"

@@ -63,13 +63,17 @@ def test_a_cut_file_or_any_changed_byte_counts_as_missing(stage, ending):
     np.testing.assert_array_equal(stage.load(3)["number"], [0, 1])
 
 
-def test_a_folder_that_cannot_be_written(tmp_path):
+def test_a_folder_that_cannot_be_written_or_locked(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         StageCache.of(tmp_path / "file", "people", {}).save(0, PART)
     shelf = cache_lock(tmp_path / "file" / "C1")
     with pytest.raises(InputError, match=r"file/C1: cannot be written .*: choose a folder"), shelf:
         raise AssertionError
+    # A system without locks keeps no one out.
+    monkeypatch.setattr("passerby.perception.kept.fcntl", None)
+    with cache_lock(tmp_path / "C1"), cache_lock(tmp_path / "C1"):
+        assert (tmp_path / "C1").is_dir()
 
 
 def test_keys_differ_with_what_decides():
@@ -112,8 +116,7 @@ with cache_lock(Path(sys.argv[1])):
 
 
 def test_a_shelf_belongs_to_one_process_and_a_killed_one_gives_it_back(tmp_path):
-    pytest.importorskip("fcntl")
-    import fcntl
+    fcntl = pytest.importorskip("fcntl")
 
     def held():
         handle = os.open(tmp_path, os.O_RDONLY)
@@ -152,9 +155,3 @@ def test_what_is_not_used_any_more_and_what_killed_runs_left_goes(tmp_path):
     assert [path.name for path in used.folder.iterdir()] == ["000003.npz"]
     forget_others(tmp_path / "none", set())
     assert not (tmp_path / "none").exists()
-
-
-def test_a_system_without_locks_keeps_nobody_out(tmp_path, monkeypatch):
-    monkeypatch.setattr("passerby.perception.kept.fcntl", None)
-    with cache_lock(tmp_path / "C1"), cache_lock(tmp_path / "C1"):
-        assert (tmp_path / "C1").is_dir()

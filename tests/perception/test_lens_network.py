@@ -10,9 +10,7 @@ from onnx import TensorProto, helper
 
 from passerby.cli.main import run
 from passerby.common.errors import InputError
-from passerby.core.cameras import Lens
-from passerby.perception.lens_network import FOCAL_SD, LensNetwork, lens_from_video, median_vertical_fov
-from passerby.perception.video import probe
+from passerby.perception.lens_network import LensNetwork, median_vertical_fov
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from support.scenes.puppet_videos import write_video
@@ -47,33 +45,26 @@ def grey(value: float, size: tuple[int, int] = (120, 200)) -> np.ndarray:
 
 
 @pytest.mark.parametrize("shape", [(1, 3, "h", "w"), (1, 3, 64, 96), ("n", 3, 32, 32)])
-def test_values_from_0_to_1_enter_and_one_number_comes_out(tmp_path, shape):
+def test_values_from_0_to_1_enter_red_first_and_one_number_comes_out(tmp_path, shape):
     opened = LensNetwork(network(tmp_path / "lens.onnx", shape))
     assert opened.vertical_fov(grey(0.4)) == pytest.approx(FACTOR * 0.4, abs=0.005)
     assert median_vertical_fov(opened, [grey(0.2), grey(0.9), grey(0.3)]) == pytest.approx(FACTOR * 0.3, abs=0.01)
-
-
-def test_colours_are_red_green_blue(tmp_path):
     picture = np.zeros((40, 40, 3), dtype=np.uint8)
     picture[..., 2] = 255  # red, as OpenCV has it
-    opened = LensNetwork(network(tmp_path / "lens.onnx", factor=1.0, channels=(0,)))
+    opened = LensNetwork(network(tmp_path / "red.onnx", factor=1.0, channels=(0,)))
     assert opened.vertical_fov(picture) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("shape", [(1, 3, 64), (1, 1, 64, 64), (2, 3, 64, 64)])
-def test_another_input_or_output_is_an_error(tmp_path, shape):
+def test_another_input_or_output_and_no_field_of_view_are_errors(tmp_path, shape):
     path = network(tmp_path / "lens.onnx", shape, axes=tuple(range(len(shape))))
     with pytest.raises(InputError, match=r"lens\.onnx: its inputs are .*takes one \[1, 3, height, width\] of float"):
         LensNetwork(path)
     with pytest.raises(InputError, match=r"lens\.onnx: its first output .*one number, the vertical field of view"):
         LensNetwork(network(path, (1, 3, 64, 64), axes=(1,))).vertical_fov(grey(0.5))
-
-
-@pytest.mark.parametrize("factor", [0.0, 100.0, math.inf])
-def test_no_field_of_view_is_an_error(tmp_path, factor):
-    opened = LensNetwork(network(tmp_path / "lens.onnx", factor=factor))
-    with pytest.raises(InputError, match=r"gives a vertical field of view of (0|50[.]\d*|inf) radians"):
-        opened.vertical_fov(grey(0.5))
+    for factor in (0.0, 100.0, math.inf):
+        with pytest.raises(InputError, match=r"gives a vertical field of view of (0|50[.]\d*|inf) radians"):
+            LensNetwork(network(path, factor=factor)).vertical_fov(grey(0.5))
 
 
 @pytest.fixture
@@ -90,17 +81,11 @@ def scene(tmp_path):
     return path
 
 
-def test_the_focal_length_is_sought_about_what_is_seen(tmp_path):
-    info = probe(write_video(tmp_path / "A.mp4", (grey(0.5) for _ in range(30)), 5.0))
-    lens = lens_from_video(LensNetwork(network(tmp_path / "lens.onnx")), info, Lens.unknown(info.size))
-    assert lens.focal == pytest.approx(60 / math.tan(0.5), rel=0.03)
-    assert (lens.focal_sd, lens.uncalibrated) == (FOCAL_SD, True)
-
-
 def test_a_scene_that_names_one(scene):
     network(scene.parent / "lens.onnx")
     inputs = read_inputs(Scene.load(scene))
     assert inputs.rig["A"].lens.focal == pytest.approx(60 / math.tan(0.5), rel=0.03)
+    assert (inputs.rig["A"].lens.focal_sd, inputs.rig["A"].lens.uncalibrated) == (0.07, True), "it is sought about what is seen"
     assert inputs.rig["B"].lens.focal == pytest.approx(100 / math.tan(math.radians(40)))
     assert [one.cameras for one in inputs.findings if one.code == "field_of_view_seen"] == [("A",)]
     # Cameras of one model share what is seen: the median of what the network sees in both videos, 1.0 and 0.6 radians.

@@ -4,14 +4,18 @@ import tomllib
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
+from av.video.stream import VideoStream
 
+from passerby.perception import video
 from passerby.perception.sources.files import VideoSource
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video import VideoInfo, VideoReader, probe
 from sources.packaging import PACKAGINGS, PLAIN, Packaging, available, pack, shown
+from support.tiers import thinned
 
 SIZE, FPS, COUNT, CAMERA = (128, 96), 12.5, 30, "C1"
 MOST_OFF = 4.0
@@ -53,18 +57,14 @@ def test_pictures_times_and_size(packaging: Packaging, tmp_path: Path) -> None:
 
 def test_packagings_are_what_they_say(tmp_path: Path) -> None:
     """Files that were written another way would be read without showing anything."""
-    import av
-
     by_key = {packaging.key: packaging for packaging in PACKAGINGS}
 
     def opened(key: str, camera: str = CAMERA):  # type: ignore[no-untyped-def]
         return av.open(str(packed(by_key[key], tmp_path / key, camera).path))
 
     with opened("hdr") as hdr, opened("rotated") as rotated, opened("edited") as edited:
-        frame = next(hdr.decode(video=0))
-        assert (frame.format.name, frame.colorspace) == ("yuv420p10le", 9)
-        frame = next(rotated.decode(video=0))
-        assert (frame.width, frame.height) == SIZE[::-1]
+        frame, turned = next(hdr.decode(video=0)), next(rotated.decode(video=0))
+        assert (frame.format.name, frame.colorspace, turned.width, turned.height) == ("yuv420p10le", 9, *SIZE[::-1])
         assert sum(packet.is_discard for packet in edited.demux(video=0)) == 10
     with opened("sound") as sound, opened("sound", "C2") as silent:
         assert [len(container.streams.audio) for container in (sound, silent)] == [1, 0]
@@ -78,3 +78,67 @@ def test_a_piece_with_an_edit_list_is_as_long_as_it_shows(tmp_path: Path) -> Non
     shown_s = len(shown(edited, COUNT, FPS)) / FPS
     assert [piece.begin_s for piece in info.pieces] == pytest.approx([0.0, shown_s])
     assert probe(tmp_path / "part1.mp4").seconds == pytest.approx(shown_s)
+
+
+LONG = 300
+"""Pictures of a video that is read sparsely."""
+CODECS = {
+    "closed": ("a.mp4", "libx264", {"x264-params": "keyint=25:min-keyint=25:scenecut=0"}),
+    "open": ("a.ts", "libx264", {"x264-params": "keyint=25:min-keyint=25:scenecut=0:open-gop=1:bframes=3:b-pyramid=normal"}),
+    "hevc": ("a.mkv", "libx265", {"x265-params": "keyint=25:min-keyint=25:scenecut=0:open-gop=1:bframes=4:log-level=none"}),
+    "one group": ("a.mp4", "libx264", {"x264-params": "keyint=1000:scenecut=0"}),
+    "all key frames": ("a.mov", "mjpeg", {}),
+    "no times": ("a.avi", "mpeg4", {"g": "25", "bf": "2"}),
+}
+
+
+def written(path: Path, codec: str, options: dict[str, str]) -> Path:
+    rng = np.random.default_rng(5)
+    wide = np.kron(rng.integers(20, 236, (6, 40, 3), dtype=np.uint8), np.ones((16, 16, 1), dtype=np.uint8))
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25, options=({"preset": "ultrafast"} if "x26" in codec else {}) | options)
+        assert isinstance(stream, VideoStream)
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        for number in range(LONG):
+            picture = np.ascontiguousarray(wide[:, number : number + SIZE[0]])
+            frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+            frame.pts, frame.time_base = number, Fraction(1, 25)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def compared(info: VideoInfo, rate: float, monkeypatch: pytest.MonkeyPatch) -> tuple[int, int]:
+    """How many pictures are decoded for a sparse reading, and for a full one, whose pictures are the same."""
+    reader = VideoReader(info, rate)
+    sparse = list(reader)
+    few = reader.decoded.pictures
+    monkeypatch.setattr(video, "SPARSE_RATE", 0.0)
+    full = list(reader)
+    assert [frame.number for frame in sparse] == [frame.number for frame in full]
+    assert [frame.seconds for frame in sparse] == [frame.seconds for frame in full]
+    for one, other in zip(sparse, full, strict=True):
+        np.testing.assert_array_equal(one.picture, other.picture)
+    return few, reader.decoded.pictures
+
+
+@thinned("rate", [0.67, 0.9, 0.31])
+@pytest.mark.parametrize("name", CODECS)
+def test_sparse_readings_give_the_same_pictures_and_decode_fewer(
+    name: str, rate: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, codec, options = CODECS[name]
+    few, all_of_them = compared(probe(written(tmp_path / file, codec, options)), rate, monkeypatch)
+    assert all_of_them == LONG
+    if rate < 0.5 and name not in ("one group", "no times"):
+        assert few < 0.5 * LONG
+
+
+def test_sparse_readings_of_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, codec, options = CODECS["open"]
+    for number in range(2):
+        written(tmp_path / f"part{number}.mp4", codec, options)
+    info = open_source(VideoSource((tmp_path,))).info
+    few, all_of_them = compared(info, 0.31, monkeypatch)
+    assert few < 0.6 * all_of_them == 0.6 * 2 * LONG

@@ -1,3 +1,5 @@
+"""How people look, by a network and by stripes of colour."""
+
 from pathlib import Path
 
 import cv2
@@ -47,6 +49,12 @@ def test_scale_mean_and_deviation_in_the_networks_order(tmp_path):
     got = embedder(striped(100, 50, 32, 64), np.array([[100.0, 50.0, 32.0, 64.0]]))
     wanted = (COLOURS[:, ::-1] / 255 - IMAGENET["mean"]) / IMAGENET["std"]
     np.testing.assert_allclose(got[0], unit(wanted), atol=1e-6)
+    plain = embedder_of(tmp_path / "m.onnx")
+    assert plain.identity["sha256"] == "0" * 64
+    assert plain.identity != embedder.identity, "results of other conventions are others"
+    # A part outside of the picture is not shown.
+    got = plain(striped(0, 50, 40, 128), np.array([[-24.0, 50.0, 64.0, 128.0]]))
+    np.testing.assert_allclose(got[0], unit(COLOURS.astype(float)), atol=1e-6)
 
 
 @pytest.mark.parametrize("batch", [1, 4, "n"])
@@ -58,11 +66,6 @@ def test_any_number_of_boxes_in_any_batch(tmp_path, batch):
     together = embedder(picture, boxes)
     np.testing.assert_allclose(together, np.vstack([embedder(picture, box[None]) for box in boxes]), atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(together, axis=1), 1.0, atol=1e-6)
-
-
-def test_a_part_outside_of_the_picture_is_not_shown(tmp_path):
-    got = embedder_of(stripe_means(tmp_path / "m.onnx"))(striped(0, 50, 40, 128), np.array([[-24.0, 50.0, 64.0, 128.0]]))
-    np.testing.assert_allclose(got[0], unit(COLOURS.astype(float)), atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["network", "stripes"])
@@ -79,23 +82,14 @@ def test_boxes_that_show_nothing_are_rows_of_zeros(tmp_path, kind):
         embedder(picture, np.ones((2, 3)))
 
 
-def test_an_answer_that_is_not_a_number_is_a_row_of_zeros(tmp_path):
-    model = fixed(tmp_path / "m.onnx", {"v": np.array([[1.0, np.nan, 2.0]])}, ["n", 3, 32, 16])
-    assert not embedder_of(model)(striped(10, 10, 40, 80), np.array([[10, 10, 40, 80.0]])).any()
-
-
-def test_an_open_size_is_the_usual_one(tmp_path):
+def test_answers_that_are_not_numbers_are_zeros_and_an_open_size_is_the_usual_one(tmp_path):
+    picture, box = striped(10, 10, 40, 80), np.array([[10, 10, 40, 80.0]])
+    model = fixed(tmp_path / "nan.onnx", {"v": np.array([[1.0, np.nan, 2.0]])}, ["n", 3, 32, 16])
+    assert not embedder_of(model)(picture, box).any()
     nodes = [helper.make_node("GlobalAveragePool", ["crop"], ["mean"])]
     ports = [port("crop", ["n", 3, "h", "w"])], [port("mean", ["n", 3, 1, 1])]
     embedder = embedder_of(saved(tmp_path / "m.onnx", nodes, *ports))
-    assert (embedder.dimensions, embedder(striped(10, 10, 40, 80), np.array([[10, 10, 40, 80.0]])).shape) == (3, (1, 3))
-
-
-def test_what_decides_the_result_is_in_the_identity(tmp_path):
-    model = stripe_means(tmp_path / "m.onnx")
-    first, second = embedder_of(model).identity, embedder_of(model, colour="rgb").identity
-    assert first["sha256"] == "0" * 64
-    assert first != second
+    assert (embedder.dimensions, embedder(picture, box).shape) == (3, (1, 3))
 
 
 def relu(path: Path, *shape: int | str) -> Path:
@@ -141,3 +135,64 @@ def rank_one(embedder, crops: Path) -> float:
     common = sorted(set(vectors["01"]) & set(vectors["02"]))
     first, second = (np.array([vectors[camera][name] for name in common]) for camera in ("01", "02"))
     return float((np.argmax(first @ second.T, axis=1) == np.arange(len(common))).mean())
+
+
+BACKGROUND = ((90, 120, 90), (150, 150, 160))
+
+
+BOX = np.array([[60.0, 40.0, 40.0, 100.0]])
+
+
+def person(jacket, trousers, background=BACKGROUND[0], seed=1) -> np.ndarray:
+    """A picture (BGR) of somebody 40 % of the box wide, with sensor noise."""
+    picture = np.empty((200, 200, 3))
+    picture[:] = background
+    picture[40:56, 72:88], picture[56:90, 72:88], picture[90:140, 72:88] = (120, 150, 200), jacket, trousers
+    noisy = picture + np.random.default_rng(seed).normal(0, 6, picture.shape)
+    return np.clip(noisy, 0, 255).astype(np.uint8)
+
+
+PEOPLE = [
+    ((20, 20, 20), (120, 60, 30)),
+    ((30, 30, 180), (20, 20, 20)),
+    ((200, 200, 200), (120, 60, 30)),
+    ((40, 160, 40), (200, 200, 200)),
+    ((120, 60, 30), (30, 30, 180)),
+    ((30, 30, 180), (120, 60, 30)),
+]
+
+
+def similarities(first: list[np.ndarray], second: list[np.ndarray]) -> np.ndarray:
+    embed = StripesEmbedder()
+    a, b = (np.vstack([embed(picture, BOX) for picture in pictures]) for pictures in (first, second))
+    return a @ b.T
+
+
+@pytest.mark.parametrize("exposed", [False, True], ids=["another background", "other exposure and white balance"])
+def test_the_same_clothes_in_another_camera_are_the_most_similar(exposed):
+    first = [person(*clothes, seed=k) for k, clothes in enumerate(PEOPLE)]
+    gain = np.array([1.25, 1.0, 0.8]) * 0.75
+    if exposed:
+        second = [np.clip(person(*c, seed=50 + k) * gain + 12, 0, 255).astype(np.uint8) for k, c in enumerate(PEOPLE)]
+    else:
+        second = [person(*clothes, background=BACKGROUND[1], seed=100 + k) for k, clothes in enumerate(PEOPLE)]
+    similar = similarities(first, second)
+    np.testing.assert_array_equal(similar.argmax(axis=1), np.arange(len(PEOPLE)))
+    if not exposed:
+        np.testing.assert_array_equal(similar.argmax(axis=0), np.arange(len(PEOPLE)))
+
+
+def test_stripes_of_other_clothes_sizes_and_greys():
+    """Jacket and trousers exchanged are another person; nearer and farther look the same; black and white have vectors too."""
+    same, other = similarities([person(*PEOPLE[4])], [person(*PEOPLE[4], seed=9), person(*PEOPLE[5], seed=9)])[0]
+    assert same > other + 0.2
+    embed, near = StripesEmbedder(), person(*PEOPLE[3])
+    far = cv2.resize(near, None, fx=0.4, fy=0.4, interpolation=cv2.INTER_AREA)
+    assert embed(near, BOX)[0] @ embed(far, BOX * 0.4)[0] > 0.95
+    for grey in (0, 255):
+        vectors = embed(np.full((200, 200, 3), grey, dtype=np.uint8), BOX)
+        np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0, atol=1e-6)
+    rng = np.random.default_rng(2)
+    boxes = np.hstack([rng.uniform(0, 80, (70, 2)), rng.uniform((20, 40), (100, 110), (70, 2))])
+    apart = np.vstack([embed(near, one[None]) for one in boxes])
+    np.testing.assert_array_equal(embed(near, boxes), apart, "boxes together are boxes apart")

@@ -56,7 +56,7 @@ def crowded(picture: Picture, rng: np.random.Generator, part: float) -> Picture:
     return picture
 
 
-def watcher_of(pictures: Iterable[Picture]) -> SteadinessWatcher:
+def watching(pictures: Iterable[Picture]) -> SteadinessWatcher:
     watcher = SteadinessWatcher(SIZE)
     for k, picture in enumerate(pictures):
         watcher.look(Frame(k + 1, float(k), picture))
@@ -64,7 +64,13 @@ def watcher_of(pictures: Iterable[Picture]) -> SteadinessWatcher:
 
 
 def watched(pictures: Iterable[Picture]) -> Steadiness:
-    return watcher_of(pictures).result()
+    return watching(pictures).result()
+
+
+def changed(after: Picture, at: int = 17, crowd: float = 0.0) -> Steadiness:
+    """The usual view up to a second and another from there on, with noise and people."""
+    rng = np.random.default_rng(0)
+    return watched(crowded(noisy(seen() if k < at else after, rng), rng, crowd) for k in range(COUNT))
 
 
 def noisy(picture: Picture, rng: np.random.Generator, sigma: float = 6.0) -> Picture:
@@ -90,16 +96,11 @@ def test_people_are_no_move(part: float) -> None:
     told = watched(crowded(noisy(seen(), rng), rng, part) for _ in range(COUNT))
     assert told.moves == ()
     assert told.recognised >= (0.9 * COUNT if part <= 0.3 else 1)
-
-
-@pytest.mark.slow
-def test_a_crowd_in_half_of_every_picture_is_no_move() -> None:
-    rng = np.random.default_rng(0)
-    halves = [(crowded(seen(), rng, 0.97), k) for k in range(COUNT)]
-    told = watched(np.concatenate([seen()[:160], crowd[160:]]) if k % 20 < 10 else np.hstack([seen()[:, :240], crowd[:, 240:]])
-                   for crowd, k in halves)  # fmt: skip
-    assert told.moves == ()
-    assert told.recognised == COUNT
+    if part == 0.1:  # a crowd in one half of every picture
+        crowds, free = [crowded(seen(), rng, 0.97) for _ in range(COUNT)], seen()
+        halves = [(np.concatenate([free[:160], crowd[160:]]), np.hstack([free[:, :240], crowd[:, 240:]])) for crowd in crowds]
+        told = watched(pair[k % 20 >= 10] for k, pair in enumerate(halves))
+        assert (told.moves, told.recognised) == ((), COUNT)
 
 
 LIGHTS: dict[str, Callable[[Picture, int], np.ndarray]] = {
@@ -115,8 +116,8 @@ LIGHTS: dict[str, Callable[[Picture, int], np.ndarray]] = {
 @thinned("light", LIGHTS, quick=2)
 def test_lights_are_no_move(light: str) -> None:
     rng = np.random.default_rng(0)
-    changed = (np.asarray(np.clip(LIGHTS[light](seen(), k), 0, 255), dtype=np.uint8) for k in range(COUNT))
-    told = watched(noisy(p, rng, 2.0) for p in changed)
+    lit = (np.asarray(np.clip(LIGHTS[light](seen(), k), 0, 255), dtype=np.uint8) for k in range(COUNT))
+    told = watched(noisy(p, rng, 2.0) for p in lit)
     assert told.moves == ()
     assert told.recognised >= 20
 
@@ -128,9 +129,7 @@ def test_lights_are_no_move(light: str) -> None:
 )
 @thinned("crowd", [0.0, 0.35])
 def test_a_camera_that_is_moved_for_good(dx: float, dy: float, degrees: float, crowd: float) -> None:
-    rng = np.random.default_rng(0)
-    views = [seen() if k < 17 else seen(dx, dy, degrees) for k in range(COUNT)]
-    told = watched(crowded(noisy(view, rng), rng, crowd) for view in views)
+    told = changed(seen(dx, dy, degrees), crowd=crowd)
     (move,) = told.moves
     assert (move.seconds, move.until, told.lasting) == (17.0, None, told.moves)
     assert move.pixels is not None
@@ -140,19 +139,22 @@ def test_a_camera_that_is_moved_for_good(dx: float, dy: float, degrees: float, c
     assert move.pixels == pytest.approx(float(np.median(shift)), rel=0.25, abs=0.4)
 
 
+@pytest.mark.slow
+def test_a_move_is_no_zoom_and_a_camera_that_is_turned_to_something_else_is_not_measured() -> None:
+    for dx, degrees in ((3.6, 0), (60, 0), (-40, -3), (0, 2)):
+        (move,) = changed(seen(dx, 0, degrees)).moves
+        assert move.zoom == 1.0
+    told = changed(seen(scene=texture(2)), at=12)
+    (move,) = told.moves
+    assert (move.seconds, move.until, move.pixels, told.recognised) == (12.0, None, None, 12)
+    assert len({changed(seen(0.5, 0, 4.0), crowd=0.3) for _ in range(2)}) == 1, "the same pictures give the same bits"
+
+
 @thinned(("zoom", "until"), [(1.03, None), (1.1, None), (1.1, 21.0), (1.3, None), (0.8, None)], every=2)
 def test_a_zoom_is_named_and_measured(zoom: float, until: float | None) -> None:
     rng = np.random.default_rng(0)
     (move,) = watched(noisy(seen(zoom=zoom if 17 <= k < (until or COUNT) else 1.0), rng) for k in range(COUNT)).moves
     assert (move.seconds, move.until, move.zoom) == (17.0, until, pytest.approx(zoom, rel=0.005))
-
-
-@pytest.mark.slow
-@thinned(("dx", "degrees"), [(3.6, 0), (60, 0), (-40, -3), (0, 2)], quick=2)
-def test_a_move_is_no_zoom(dx: float, degrees: float) -> None:
-    rng = np.random.default_rng(0)
-    (move,) = watched(noisy(seen() if k < 17 else seen(dx, 0, degrees), rng) for k in range(COUNT)).moves
-    assert move.zoom == 1.0
 
 
 def test_a_knock_is_over_and_the_camera_stands_again_but_there_and_back_after_long_are_two_moves() -> None:
@@ -162,22 +164,9 @@ def test_a_knock_is_over_and_the_camera_stands_again_but_there_and_back_after_lo
     assert told.lasting == ()
     told = watched(seen(9.0) if 10 <= k < 25 else seen() for k in range(COUNT))
     assert [(move.seconds, move.until) for move in told.moves] == [(10.0, None), (25.0, None)]
-
-
-def test_a_mount_that_sags() -> None:
-    told = watched(seen(0.0, 0.15 * k) for k in range(COUNT))
-    assert told.lasting
-    assert 15 <= told.lasting[0].seconds <= 20
-
-
-@pytest.mark.slow
-def test_a_camera_that_is_turned_to_something_else() -> None:
-    other = texture(2)
-    rng = np.random.default_rng(0)
-    told = watched(noisy(seen() if k < 12 else seen(scene=other), rng) for k in range(COUNT))
-    (move,) = told.moves
-    assert (move.seconds, move.until, move.pixels) == (12.0, None, None)
-    assert told.recognised == 12
+    sags = watched(seen(0.0, 0.15 * k) for k in range(COUNT))
+    assert sags.lasting, "a mount that sags"
+    assert 15 <= sags.lasting[0].seconds <= 20
 
 
 def test_somebody_before_the_lens_or_a_crowd_that_comes_and_stays_is_no_move() -> None:
@@ -186,39 +175,20 @@ def test_somebody_before_the_lens_or_a_crowd_that_comes_and_stays_is_no_move() -
     assert (told.moves, told.recognised) == ((), COUNT - 15)
     told = watched([seen()] * 10 + [crowd] * 30)
     assert (told.moves, told.recognised) == ((), COUNT)
-
-
-def test_a_first_picture_full_of_people() -> None:
     crowd = crowded(seen(), np.random.default_rng(0), 0.95)
     (move,) = watched([crowd] + [seen()] * 20 + [seen(8.0)] * 19).moves
-    assert (move.seconds, move.until) == (21.0, None)
-
-
-def test_nothing_to_hold_on_to() -> None:
+    assert (move.seconds, move.until) == (21.0, None), "after a first picture full of people"
     told = watched([np.full((SIZE[1], SIZE[0], 3), 127, dtype=np.uint8)] * 20)
-    assert told.moves == ()
+    assert told.moves == (), "nothing to hold on to"
     assert told.recognised <= 1
     assert watched([]) == Steadiness((), 0.0, 0, 0)
-
-
-@pytest.mark.slow
-def test_the_same_pictures_give_the_same_bits() -> None:
-    rng = np.random.default_rng(0)
-    pictures = [crowded(seen(0.5 * (k % 3), 0, 4.0 * (k > 20)), rng, 0.3) for k in range(COUNT)]
-    assert watched(pictures) == watched(pictures)
-
-
-def view_of(pictures: Iterable[Picture]) -> Picture:
-    """What a watcher knows of a camera's place after some pictures."""
-    view = watcher_of(pictures).view
-    assert view is not None
-    return view
 
 
 def test_a_move_between_two_stretches_is_found_once() -> None:
     rng = np.random.default_rng(5)
     places = [(0.0, 0.0), (0.0, 0.3), (7.0, 0.0), (7.0, 0.0), (0.0, 0.0)]
-    views = [(100.0 * k, view_of(crowded(noisy(seen(*at), rng), rng, 0.2) for _ in range(10))) for k, at in enumerate(places)]
+    shown = [watching(crowded(noisy(seen(*at), rng), rng, 0.2) for _ in range(10)).view for at in places]
+    views = [(100.0 * k, view) for k, view in enumerate(shown)]
     moves = [(move.seconds, move.until, move.pixels) for move in find_moves_between(views, SIZE)]
     assert moves == [(seconds, None, pytest.approx(7.0, abs=0.5)) for seconds in (200.0, 400.0)]
 
@@ -226,7 +196,9 @@ def test_a_move_between_two_stretches_is_found_once() -> None:
 def test_another_scene_says_nothing_of_a_move() -> None:
     """After an hour the light may be another; moves are found by what is recognised, and the first place is remembered."""
     other = texture(2)
-    first, second, third, back = (view_of([one] * 4) for one in (seen(), seen(scene=other), seen(9.0, scene=other), seen(7.0)))
+    first, second, third, back = (
+        watching([one] * 4).view for one in (seen(), seen(scene=other), seen(9.0, scene=other), seen(7.0))
+    )
     for views, moves in (((first, second, third), [200.0]), ((first, second), []), ((first, second, back), [200.0]), ((), [])):
         timed = [(100.0 * k, view) for k, view in enumerate(views)]
         assert [move.seconds for move in find_moves_between(timed, SIZE)] == moves

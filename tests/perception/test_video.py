@@ -25,6 +25,7 @@ def encoded(
     options: dict[str, str] | None = None,
     noise: int = 0,
     first_pts: int = 0,
+    size: tuple[int, int] = SIZE,
     prepare: Callable[[VideoStream], None] = lambda stream: None,
 ) -> Path:
     """A video by another codec or in another container, 25 pictures a second; noise makes its packets large."""
@@ -32,12 +33,13 @@ def encoded(
     with av.open(str(path), "w", format=kind, options=options or {}) as container:
         stream = container.add_stream(codec, rate=25)
         assert isinstance(stream, VideoStream)
-        stream.width, stream.height = SIZE
+        stream.width, stream.height = size
         stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
         stream.codec_context.gop_size = 25
         prepare(stream)
         for k in range(count):
-            picture = np.clip(numbered(k + 1) + rng.integers(-noise, noise + 1, numbered(0).shape), 0, 255).astype(np.uint8)
+            plain = numbered(k + 1, size)
+            picture = np.clip(plain + rng.integers(-noise, noise + 1, plain.shape), 0, 255).astype(np.uint8)
             frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
             frame.pts, frame.time_base = first_pts + k, Fraction(1, 25)
             container.mux(stream.encode(frame))
@@ -129,16 +131,15 @@ def test_a_constant_rate_with_pictures_left_out_keeps_its_clock(tmp_path: Path) 
 
 @pytest.mark.parametrize(
     ("name", "codec", "b_frames", "first_pts"),
-    [("a.avi", "mpeg4", 0, 0), ("b.avi", "mpeg4", 2, 0), ("c.avi", "mjpeg", 0, 0), ("d.ts", "libx264", 2, 0),
-     ("e.mkv", "libx264", 2, 1000), ("f.flv", "libx264", 2, 0), ("g.h264", "libx264", 0, 0)],
+    [("b.avi", "mpeg4", 2, 0), ("c.avi", "mjpeg", 0, 0), ("d.ts", "libx264", 2, 0), ("e.mkv", "libx264", 2, 1000),
+     ("f.flv", "libx264", 2, 0), ("g.h264", "libx264", 0, 0)],
 )  # fmt: skip
 def test_other_containers_and_codecs(tmp_path: Path, name: str, codec: str, b_frames: int, first_pts: int) -> None:
     """Numbers count from the first picture."""
-
-    def prepare(stream: VideoStream) -> None:
-        stream.codec_context.max_b_frames = b_frames
-
-    path = encoded(tmp_path / name, codec, prepare=prepare, first_pts=first_pts)
+    path = encoded(
+        tmp_path / name, codec, first_pts=first_pts,
+        prepare=lambda stream: setattr(stream.codec_context, "max_b_frames", b_frames),
+    )  # fmt: skip
     assert probe(path).clock_fps == pytest.approx(25.0)
     read = list(frames(path))
     check(read, list(range(1, 101)))
@@ -146,17 +147,13 @@ def test_other_containers_and_codecs(tmp_path: Path, name: str, codec: str, b_fr
     check(list(frames(path, 5.0, after=31)), list(range(36, 101, 5)))
 
 
-@pytest.mark.parametrize(("degrees", "size"), [(90, (64, 96)), (180, SIZE), (-90, (64, 96))])
-def test_a_rotation_for_the_player_is_made(tmp_path: Path, degrees: int, size: tuple[int, int]) -> None:
-    path = encoded(tmp_path / "a.mp4", "libx264", count=3, prepare=lambda stream: stream.set_display_rotation(degrees))
+def test_a_rotation_for_the_player_is_made(tmp_path: Path) -> None:
+    """Clockwise; counter-clockwise and upside down among the packagings."""
+    path = encoded(tmp_path / "a.mp4", "libx264", count=3, prepare=lambda stream: stream.set_display_rotation(-90))
     info = probe(path)
-    assert (info.size, info.rotation) == (size, degrees % 360)
-    for number, frame in enumerate(frames(info), 1):
-        assert (frame.picture.shape, number_in(np.rot90(frame.picture, -degrees // 90))) == ((size[1], size[0], 3), number)
-    assert number == 3
-
-
-# What is broken or missing.
+    assert (info.size, info.rotation) == (SIZE[::-1], 270)
+    turned = [(frame.picture.shape, number_in(np.rot90(frame.picture))) for frame in frames(info)]
+    assert turned == [((SIZE[0], SIZE[1], 3), number) for number in (1, 2, 3)]
 
 
 def cut(path: Path, part: float) -> Path:
@@ -169,14 +166,10 @@ def cut(path: Path, part: float) -> Path:
 
 @pytest.mark.parametrize(
     ("name", "codec", "options", "count", "part"),
-    [
-        ("a.mp4", "libx264", {"movflags": "faststart"}, 100, 0.6),
-        ("b.avi", "mpeg4", {}, 100, 0.6),
-        ("c.avi", "mjpeg", {}, 100, 0.6),
-        ("d.mkv", "libx264", {}, 200, 0.4),
-    ],
-)
-def test_a_truncated_video_gives_what_is_there_and_tells(tmp_path, name, codec, options, count, part):
+    [("a.mp4", "libx264", {"movflags": "faststart"}, 100, 0.6), ("b.avi", "mpeg4", {}, 100, 0.6),
+     ("c.avi", "mjpeg", {}, 100, 0.6), ("d.mkv", "libx264", {}, 200, 0.4)],
+)  # fmt: skip
+def test_a_truncated_video_gives_what_is_there_and_says_so(tmp_path, name, codec, options, count, part):
     reader = frames(cut(encoded(tmp_path / name, codec, count, options=options, noise=20), part))
     read = list(reader)
     assert 15 < len(read) < 90
@@ -194,22 +187,13 @@ def test_broken_packets_are_passed_over_and_counted(tmp_path: Path) -> None:
     assert reader.decoded.ended_early is None
 
 
-def of_size(path: Path, size: tuple[int, int]) -> bytes:
-    with av.open(str(path), "w", format="h264") as container:
-        stream = container.add_stream("libx264", rate=25)
-        stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
-        for n in range(25):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(n, size), format="bgr24")))
-        container.mux(stream.encode(None))
-    return path.read_bytes()
-
-
-def test_an_unfinished_recording_and_a_size_that_changes_half_way(tmp_path: Path) -> None:
+def test_an_unfinished_recording_and_a_size_that_changes_half_way_are_errors(tmp_path: Path) -> None:
     """The latter is a raw stream of two videos, one after the other."""
     with pytest.raises(InputError, match=r"cut-a\.mp4.*cut off before its index"):
         probe(cut(encoded(tmp_path / "a.mp4", "libx264"), 0.6))
     path = tmp_path / "a.h264"
-    path.write_bytes(of_size(path, (96, 64)) + of_size(path, (128, 96)))
+    parts = [encoded(path, "libx264", 25, "h264", size=size).read_bytes() for size in (SIZE, (128, 96))]
+    path.write_bytes(b"".join(parts))
     with pytest.raises(InputError, match=r"a\.h264: the frames change from 96 x 64 to 128 x 96 after 0\.9\d s"):
         list(frames(path))
 
@@ -253,7 +237,7 @@ TEXT = holding(b"this is no video\n" * 50)
 
 
 @pytest.mark.parametrize(
-    ("make", "name", "told"),
+    ("make", "name", "said"),
     [
         (lambda path: path, "none.mp4", "no such file"),
         (lambda path: path.parent, "", "is a folder"),
@@ -266,24 +250,21 @@ TEXT = holding(b"this is no video\n" * 50)
         (a_picture, "picture.png", "not a video"),
     ],
 )
-def test_what_is_no_video(tmp_path: Path, make: Callable[[Path], Path], name: str, told: str) -> None:
-    with refused(told, name):
+def test_what_is_no_video(tmp_path: Path, make: Callable[[Path], Path], name: str, said: str) -> None:
+    with refused(said, name):
         probe(make(tmp_path / name))
 
 
 @pytest.mark.parametrize(
-    ("video", "told"),
-    [
-        ((1080, 1920), "1080 x 1920.*1920 x 1080.*rotated by 90"),
-        ((960, 540), "scaled by 0.5"),
-        ((1280, 720), "scaled by 0.6667"),
-        *((size, "give the intrinsics of this video") for size in ((1920, 1088), (1920, 1064), (640, 480))),
-    ],
-)
-def test_sizes_of_video_and_lens(video, told):
+    ("video", "said"),
+    [((1080, 1920), "1080 x 1920.*1920 x 1080.*rotated by 90"), ((960, 540), "scaled by 0.5"),
+     ((1280, 720), "scaled by 0.6667"),
+     *((size, "give the intrinsics of this video") for size in ((1920, 1088), (1920, 1064), (640, 480)))],
+)  # fmt: skip
+def test_sizes_of_video_and_lens(video, said):
     fits = [fit_of_size(*sizes) for sizes in (((1920, 1080),) * 2, ((1080, 1920), (1088, 1920)), ((1920, 1080), (1920, 1088)))]
     assert fits == ["same", "cropped", "cropped"]
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=said):
         fit_of_size(video, (1920, 1080))
 
 

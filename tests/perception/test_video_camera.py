@@ -11,8 +11,6 @@ from passerby.perception.video_probe import probe
 from support.scenes.recorded_videos import FLOAT, FOCAL, SIGNED, TEXT, write_recorded
 
 PHONE = {"com.apple.quicktime.make": "Apple", "com.apple.quicktime.model": "iPhone 13"}
-
-
 NOTHING = RecordingCamera()
 
 
@@ -46,9 +44,7 @@ def test_names_are_one_line_that_a_terminal_can_show(tmp_path):
     assert device.startswith("Google Pixel 8 [31mxx")
     assert device.isprintable()
     assert len(device) < 120
-
-
-def test_names_that_are_no_text_are_read_as_far_as_they_are(tmp_path):
+    # Names that are no text are read as far as they are.
     path = write_recorded(tmp_path / "a.mp4", {**PHONE, "com.apple.quicktime.model": "iPhoneXXXX 13"})
     data = path.read_bytes()
     assert b"XXXX" in data

@@ -3,6 +3,7 @@
 import os
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -29,10 +30,6 @@ class Calls:
 
     def __init__(self):
         self.pictures, self.appearance, self.joints = [], 0, 0
-
-    @property
-    def counts(self):
-        return len(self.pictures), self.appearance, self.joints
 
 
 class Finds:
@@ -104,26 +101,21 @@ def video(tmp_path_factory):
     return write_video(tmp_path_factory.mktemp("watching") / "a.mp4", pictures(), FPS)
 
 
-def network(name, tmp_path):
-    return Network(name, "embedder", tmp_path / "x.onnx", "0" * 64, "embedding")
+def network(name):
+    return Network(name, "embedder", Path("x.onnx"), "0" * 64, "embedding")
 
 
 @pytest.fixture
 def job(video, tmp_path):
-    detector, appearance, joints = (network(name, tmp_path) for name in ("d", "e", "k"))
-    return CameraJob("A", probe(video), FPS, Plan(detector, appearance, joints), tmp_path / "shelf")
+    return CameraJob("A", probe(video), FPS, Plan(network("d"), network("e"), network("k")), tmp_path / "shelf")
 
 
-def silent(done, total):
-    pass
-
-
-def watch_camera(job, tell=silent):
+def watch_camera(job, tell=lambda done, total: None):
     return watching.watch_camera(job, tell)
 
 
 def find_kept_results(job):
-    return watching.find_kept_results(job, silent)
+    return watching.find_kept_results(job, lambda done, total: None)
 
 
 def facts(watched):
@@ -156,14 +148,26 @@ def test_what_is_seen(job, calls):
     assert [done for done, _ in progress] == sorted(done for done, _ in progress)
 
 
+def test_a_rate_below_the_videos_and_the_threads_of_opencv_are_as_before(job, calls, tmp_path):
+    info = probe(write_video(tmp_path / "fast.mp4", pictures(), 25.0))
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(3)
+    try:
+        watch_camera(replace(job, info=info, rate=5.0))
+        assert cv2.getNumThreads() == 3
+    finally:
+        cv2.setNumThreads(before)
+    assert calls.pictures == list(range(1, COUNT + 1, 5))
+
+
 def test_what_is_kept_is_read_without_anything_being_made(job, calls):
     assert find_kept_results(job) is None
     assert not calls.pictures
     first = watch_camera(job)
-    before = calls.counts
+    before = len(calls.pictures), calls.appearance, calls.joints
     assert (facts(watch_camera(job)), facts(find_kept_results(job))) == (facts(first), facts(first))
     assert find_kept_results(replace(job, rate=job.rate / 2)) is None
-    assert calls.counts == before
+    assert (len(calls.pictures), calls.appearance, calls.joints) == before
 
 
 def test_the_same_video_is_known_wherever_it_lies_and_another_of_the_same_name_is_not(job, calls, tmp_path):
@@ -184,25 +188,17 @@ def stages(job):
     return {folder.name.split("-")[0]: folder for folder in job.shelf.iterdir() if folder.is_dir()}
 
 
-def times(folder):
-    return {path.name: path.stat().st_mtime_ns for path in folder.glob("*.npz")}
-
-
-def test_another_embedder_keeps_people_and_joints(job, calls, tmp_path):
-    watch_camera(job)
-    kept, (seen, appearance, joints) = stages(job), calls.counts
-    parts = times(kept["people"])
-    watch_camera(replace(job, plan=replace(job.plan, embedder=network("other", tmp_path))))
+def test_another_embedder_or_none_keeps_people(job, calls):
+    full = watch_camera(job)
+    kept, appearance, joints = stages(job), calls.appearance, calls.joints
+    parts = {path: path.stat().st_mtime_ns for path in kept["people"].glob("*.npz")}
+    watch_camera(replace(job, plan=replace(job.plan, embedder=network("other"))))
     after = stages(job)
-    assert calls.counts == (seen, 2 * appearance, joints)
+    assert (len(calls.pictures), calls.appearance, calls.joints) == (COUNT, 2 * appearance, joints)
     assert {name for name in after if after[name] != kept[name]} == {"looks"}
     # A stage that is used again gets its summary again, but none of its parts.
-    assert times(after["people"]) == parts
+    assert {path: path.stat().st_mtime_ns for path in after["people"].glob("*.npz")} == parts
     assert not kept["looks"].exists(), "the other embedder's results are forgotten"
-
-
-def test_embeddings_and_joints_that_are_not_wanted_any_more_are_forgotten(job, calls):
-    full = watch_camera(job)
     less = watch_camera(replace(job, plan=replace(job.plan, embedder=None, keypoints=None)))
     assert (len(calls.pictures), less.boxes.embedding, len(less.keypoints), set(stages(job))) == (COUNT, None, 0, {"people"})
     np.testing.assert_array_equal(less.boxes.ltwh, full.boxes.ltwh)
@@ -224,43 +220,34 @@ def test_what_decides_the_people_makes_all_anew(job, calls, monkeypatch, change)
 @pytest.mark.slow
 @pytest.mark.parametrize("segment", [1, 7, 50, 64])
 def test_segments_decide_nothing(job, calls, monkeypatch, tmp_path, segment):
-    eights = facts(watch_camera(job, silent))
+    eights = facts(watch_camera(job))
     monkeypatch.setattr(watching, "SEGMENT", segment)
-    assert facts(watch_camera(replace(job, shelf=tmp_path / "other"), silent)) == eights
+    assert facts(watch_camera(replace(job, shelf=tmp_path / "other"))) == eights
     # On the same shelf as well: parts of another length are not taken for these.
-    assert facts(watch_camera(job, silent)) == eights
+    assert facts(watch_camera(job)) == eights
 
 
-@pytest.fixture
-def thrifty(job, monkeypatch):
+def test_a_budget_of_joints_that_what_is_kept_does_not_change(job, calls, monkeypatch):
     """A budget that does not last for all people of the video."""
-    monkeypatch.setattr(joint_budget, "CROPS_AT_LEAST", 2.0)
-    monkeypatch.setattr(joint_budget, "MIN_HEIGHT_PX", 20.0)
-    monkeypatch.setattr(joint_budget, "SLOT_S", 0.2)
-    return replace(job, plan=replace(job.plan, keypoints_per_s=2.0, min_score=0.5))
-
-
-def test_a_budget_of_joints(job, thrifty, calls):
+    for name, value in (("CROPS_AT_LEAST", 2.0), ("MIN_HEIGHT_PX", 20.0), ("SLOT_S", 0.2)):
+        monkeypatch.setattr(joint_budget, name, value)
+    thrifty = replace(job, plan=replace(job.plan, keypoints_per_s=2.0, min_score=0.5))
     everybody, some = watch_camera(job), watch_camera(thrifty)
     np.testing.assert_array_equal(some.boxes.ltwh, everybody.boxes.ltwh)
     assert 0 < len(some.keypoints) < 0.7 * len(everybody.keypoints)
     same = np.isin(everybody.keypoints.frame, some.keypoints.frame)
     np.testing.assert_array_equal(everybody.keypoints.xy[same], some.keypoints.xy)
+    for stage, names in (("joints", ["000002.npz"]), ("people", ["000001.npz"]), ("joints", ["000003.npz", "000005.npz"])):
+        for name in names:
+            (stages(thrifty)[stage] / name).unlink()
+        assert facts(watch_camera(thrifty)) == facts(some)
     other = replace(thrifty, plan=replace(thrifty.plan, keypoints_per_s=4.0))
     assert len(watch_camera(other).keypoints) > len(some.keypoints)
 
 
-def test_what_is_kept_changes_no_choice(thrifty, calls):
-    whole = facts(watch_camera(thrifty))
-    for stage, names in (("joints", ["000002.npz"]), ("people", ["000001.npz"]), ("joints", ["000003.npz", "000005.npz"])):
-        for name in names:
-            (stages(thrifty)[stage] / name).unlink()
-        assert facts(watch_camera(thrifty)) == whole
-
-
 @pytest.mark.slow
 def test_what_is_damaged_or_lost_is_made_again_and_no_more(job, calls):
-    whole = facts(watch_camera(job, silent))
+    whole = facts(watch_camera(job))
     for stage, name, pictures_again in (
         ("people", "000003.npz", SEGMENT),
         ("people", "000006.npz", COUNT % SEGMENT),
@@ -276,7 +263,7 @@ def test_what_is_damaged_or_lost_is_made_again_and_no_more(job, calls):
             path.unlink()
             if damage != "gone":
                 path.write_bytes(content[:middle] if damage == "cut" else changed)
-            assert facts(watch_camera(job, silent)) == whole
+            assert facts(watch_camera(job)) == whole
             assert len(calls.pictures) - done == pictures_again
             assert path.read_bytes() == content
 
@@ -335,7 +322,7 @@ def test_other_given_boxes_are_looked_at_anew(job, calls):
     assert asked[0]
 
 
-def test_nobody_in_the_whole_video(job, calls, monkeypatch):
+def test_a_video_without_people(job, calls, monkeypatch):
     monkeypatch.setattr(Finds, "__call__", lambda self, frame: Detections.none())
     for _ in range(2):
         watched = watch_camera(job)
@@ -345,62 +332,28 @@ def test_nobody_in_the_whole_video(job, calls, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_camera_that_is_moved_is_told_and_when(job, calls, tmp_path):
-    fine = np.random.default_rng(5).normal(128, 60, (60, 90, 3)).clip(0, 255).astype(np.uint8)
-    wide = cv2.resize(fine, (450, 300), interpolation=cv2.INTER_LINEAR)
-
-    def moved(back):
-        for number in range(200):
-            left = 30 if 90 <= number < (130 if back else 999) else 0
-            yield wide[20:260, left : left + 320].copy()
-
-    for back in (False, True):
-        info = probe(write_video(tmp_path / f"moved{back}.mp4", moved(back), FPS))
-        watched = watch_camera(replace(job, info=info), silent)
-        faults, findings = watched.faults("A", info), watched.findings("A", info)
-        told = text_of(findings[0]) if back else faults[0]
-        assert not (faults if back else findings)
-        assert told.startswith(
-            f"{info.path}: camera A: the camera is " if back else f"{info.path}: camera A: the camera moves "
-        )
-        seconds = float(told.split(" s after the start")[0].split()[-1])
-        assert 9.0 <= seconds <= 10.6
-        # It is told from what is kept as well.
-        again = watch_camera(replace(job, info=info), silent)
-        assert (again.faults("A", info), again.findings("A", info)) == (faults, findings)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("zoom", [1.2, 0.85])
-def test_a_camera_that_zooms_is_told_and_when(job, calls, tmp_path, zoom):
+@pytest.mark.parametrize(("shift", "zoom", "until"), [(30, 1.0, 999), (30, 1.0, 130), (0, 1.2, 999), (0, 0.85, 999)])
+def test_a_camera_that_is_moved_or_zooms_is_reported_with_the_time(job, calls, tmp_path, shift, zoom, until):
     fine = np.random.default_rng(5).normal(128, 60, (90, 120, 3)).clip(0, 255).astype(np.uint8)
     wide = cv2.resize(fine, (600, 450), interpolation=cv2.INTER_LINEAR)
 
-    def zoomed():
+    def shown():
         for number in range(200):
-            motion = cv2.getRotationMatrix2D((300.0, 225.0), 0.0, zoom if number >= 90 else 1.0)
-            motion[:, 2] -= (140.0, 105.0)
+            motion = cv2.getRotationMatrix2D((300.0, 225.0), 0.0, zoom if 90 <= number < until else 1.0)
+            motion[:, 2] -= (140.0 + (shift if 90 <= number < until else 0), 105.0)
             yield cv2.warpAffine(wide, motion, (320, 240))
 
-    info = probe(write_video(tmp_path / "zoomed.mp4", zoomed(), FPS))
-    (fault,) = watch_camera(replace(job, info=info), silent).faults("A", info)
-    kind, factor = ("in", zoom) if zoom > 1 else ("out", 1 / zoom)
-    assert fault.startswith(f"{info.path}: camera A: the camera zooms {kind} ")
-    assert f" s after the start, by a factor of {factor:.2f}, and stays so: a fixed focal length is needed: under " in fault
-    assert 9.0 <= float(fault.split(" s after the start")[0].split()[-1]) <= 10.6
-
-
-def test_the_threads_of_opencv_are_as_before(job, calls):
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(3)
-    try:
-        watch_camera(job)
-        assert cv2.getNumThreads() == 3
-    finally:
-        cv2.setNumThreads(before)
-
-
-def test_a_rate_below_the_videos(job, calls, tmp_path):
-    info = probe(write_video(tmp_path / "fast.mp4", pictures(), 25.0))
-    watch_camera(replace(job, info=info, rate=5.0))
-    assert calls.pictures == list(range(1, COUNT + 1, 5))
+    info = probe(write_video(tmp_path / "moved.mp4", shown(), FPS))
+    watched = watch_camera(replace(job, info=info))
+    faults, findings = watched.faults("A", info), watched.findings("A", info)
+    (said,) = faults if until == 999 else [text_of(findings[0])]
+    assert not (findings if until == 999 else faults)
+    what = "is " if until == 130 else "moves " if shift else f"zooms {'in' if zoom > 1 else 'out'} "
+    assert said.startswith(f"{info.path}: camera A: the camera {what}")
+    assert 9.0 <= float(said.split(" s after the start")[0].split()[-1]) <= 10.6
+    if zoom != 1.0:
+        by = f"{max(zoom, 1 / zoom):.2f}"
+        assert f" s after the start, by a factor of {by}, and stays so: a fixed focal length is needed: under " in said
+    # It is reported from what is kept as well.
+    again = watch_camera(replace(job, info=info))
+    assert (again.faults("A", info), again.findings("A", info)) == (faults, findings)

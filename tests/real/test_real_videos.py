@@ -1,18 +1,13 @@
 """Real videos from the pixels to the rig, with networks and without: minutes long, so run by `make test-slow`."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from metrics.tracklets import score_tracklets
 from passerby.association.tracking.stitching import stitch_tracklets
 from passerby.association.tracking.tracking import track
 from passerby.calibration.calibrate import calibrate
-from passerby.calibration.calibration import Calibration
 from passerby.common.progress import silent
-from passerby.evaluation.metrics import Comparison, compare
+from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.scene.inputs import read_inputs
@@ -26,13 +21,13 @@ PETS_FPS = 7.0
 
 
 @pytest.fixture(scope="module")
-def models() -> Path:
+def models():
     if not (MODELS / "yolox_nano.onnx").is_file():
         pytest.skip(f"no networks in {MODELS}: set PASSERBY_MODELS to the folder of models")
     return MODELS
 
 
-def pets_scene(folder: Path, data: Path, perception: str) -> Path:
+def pets_scene(folder, data, perception):
     """V1 from its video, whose file tells a wrong rate, the others from a detector's boxes."""
     if not (data / "V1.avi").is_file():
         pytest.skip(f"no data set {data}")
@@ -44,17 +39,14 @@ def pets_scene(folder: Path, data: Path, perception: str) -> Path:
     return folder / "scene.toml"
 
 
-def assert_within(calibration: Calibration, truth: Path, mm: float, degrees: float) -> Comparison:
+def assert_within(calibration, truth, mm, degrees):
     found = compare(calibration.rig, read_rig(truth))
     assert found.missing == ()
-    assert found.similarity.mean_position_mm is not None
     assert found.similarity.mean_position_mm < mm
-    assert found.similarity.mean_orientation_deg is not None
     assert found.similarity.mean_orientation_deg < degrees
-    return found
 
 
-def test_a_network_finds_and_follows_the_people_of_a_real_video(data_root: Path, models: Path, tmp_path: Path) -> None:
+def test_a_network_finds_and_follows_the_people_of_a_real_video(data_root, models, tmp_path):
     """Measured 0.89; 0.75 is what is aimed for."""
     perception = f'detector = "yolox-nano"\nembedder = "stripes"\nmodels = "{models}"\ntiles = "none"\nfps = {PETS_FPS}'
     scene = Scene.load(pets_scene(tmp_path, data_root / "pets2009", perception))
@@ -65,7 +57,7 @@ def test_a_network_finds_and_follows_the_people_of_a_real_video(data_root: Path,
     assert score.purity > 0.9
 
 
-def test_one_camera_from_its_video_among_others_from_boxes(data_root: Path, models: Path, tmp_path: Path) -> None:
+def test_one_camera_from_its_video_among_others_from_boxes(data_root, models, tmp_path):
     """Measured 300 mm, 0.64 degrees, no worse than from the boxes of a larger network."""
     folder = data_root / "pets2009"
     perception = f'models = "{models}"\ntiles = "none"'
@@ -74,7 +66,7 @@ def test_one_camera_from_its_video_among_others_from_boxes(data_root: Path, mode
     assert_within(calibration, folder / "rig.toml", 350, 0.75)
 
 
-def test_the_same_without_networks(data_root: Path, tmp_path: Path) -> None:
+def test_the_same_without_networks(data_root, tmp_path):
     """Measured 310 mm, 0.63 degrees."""
     folder = data_root / "pets2009"
     perception = 'detector = "background"\nembedder = "stripes"'
@@ -82,7 +74,7 @@ def test_the_same_without_networks(data_root: Path, tmp_path: Path) -> None:
     assert_within(calibration, folder / "rig.toml", 360, 0.75)
 
 
-def test_one_person_on_the_spot_by_joints(data_root: Path, models: Path, tmp_path: Path) -> None:
+def test_one_person_on_the_spot_by_joints(data_root, models, tmp_path):
     """Measured 77 mm, 1.6 degrees; what the cameras measure where the person stood is known all the same."""
     folder = data_root / "pose2sim_single"
     if not (folder / "videos" / "cam01.mp4").is_file():

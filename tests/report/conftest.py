@@ -16,6 +16,6 @@ def scene(tmp_path_factory):
 @pytest.fixture(scope="session")
 def calibrated(scene):
     """(calibration, output folder) of the scene's boxes."""
-    from support.report.pages import solved, without
+    from support.report.pages import solved
 
-    return solved(scene, "boxes", lambda text: without(text, "keypoints"))
+    return solved(scene, "boxes", "keypoints")

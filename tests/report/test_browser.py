@@ -3,7 +3,6 @@
 import csv
 import io
 import json
-import time
 from dataclasses import replace
 
 import pytest
@@ -15,21 +14,15 @@ from passerby.report.contents import contents_from
 from passerby.report.page import report_page
 from support.accessibility import access_faults
 from support.browser import CHROMIUM
-from support.report.pages import busy_place, changed, diagnosed, named, without_poses
+from support.report.opened import OVERFLOW, PHONE, OpenedFile
+from support.report.pages import HOSTILE, busy_place, changed, diagnosed, named, without_poses
 
 pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium")
 
-LAPTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
-HOSTILE = (
-    "<script>alert(1)</script>", "</script><img src=x onerror=alert(2)>", "\"'><b onmouseover=alert(3)>", "Küche %{x} Ⅲ 🎥",
-)  # fmt: skip
 READABLE = 4.5
 """Least contrast of text (WCAG 2.2, 1.4.3)."""
-PATIENCE_S = 120
-"""A busy machine without a graphics card draws in space slowly; this only bounds a test that fails."""
-LIMIT_MS = 1000 * PATIENCE_S
 
 
 @pytest.fixture(scope="session")
@@ -37,52 +30,29 @@ def contents(calibrated):
     return contents_from(calibrated[1])
 
 
-class Opened:
-    """A page in the browser, and whatever it said, asked for, or ran."""
+class Opened(OpenedFile):
+    """A page of contents, whose plots are drawn."""
 
-    def __init__(self, browser, folder, contents, size=LAPTOP, scheme="light", before=None, **more):
-        self.path = folder / "page.html"
-        self.path.write_text(report_page(contents), encoding="utf-8")
-        context = browser.new_context(viewport=size, color_scheme=scheme, **more)
-        context.set_default_timeout(LIMIT_MS)
-        if before is not None:
-            context.add_init_script(before)
-        self.page, self.said, self.fetched = context.new_page(), [], []
-        self.page.on("console", lambda one: self.said.append(one.text) if one.type == "error" else None)
-        self.page.on("pageerror", lambda error: self.said.append(str(error)))
-        self.page.on("dialog", lambda one: (self.said.append(f"dialog {one.message}"), one.dismiss()))
-        self.page.on(
-            "request", lambda one: self.fetched.append(one.url) if not one.url.startswith(("data:", "blob:")) else None
-        )
-        self.page.goto(self.path.as_uri())
+    def __init__(self, browser, folder, contents, **more):
+        path = folder / "page.html"
+        path.write_text(report_page(contents), encoding="utf-8")
+        super().__init__(browser, path, reduced_motion="no-preference", **more)
         self.settle()
 
     def settle(self):
-        """Wait until all plots are drawn; the page's own policy forbids the browser's waiting functions."""
+        """Wait until all plots are drawn."""
         # Before the next picture the page has learnt of a change of the system's theme.
         self.told("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         self.until("document.documentElement.dataset.plots === 'drawn'")
 
-    def until(self, condition):
-        """Wait until a condition holds."""
-        end = time.monotonic() + PATIENCE_S
-        while not self.told(condition):
-            assert time.monotonic() < end, f"never: {condition}"
-            self.page.wait_for_timeout(50)
+    def theme(self, scheme):
+        self.page.emulate_media(color_scheme=scheme)
+        self.settle()
 
-    def told(self, script, *given):
-        """What a script returns."""
-        return self.page.evaluate(script, *given)
-
-    def quiet(self):
-        """Whether nothing was said, run or fetched, but the page itself."""
-        return (self.said, self.fetched) == ([], [self.path.as_uri()])
-
-
-WITHOUT_WEBGL = """const usual = HTMLCanvasElement.prototype.getContext;
-    HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
-        return kind.includes("webgl") ? null : usual.call(this, kind, ...more);
-    };"""
+    def check_quiet(self):
+        """Nothing was said, run or fetched, but the page itself."""
+        assert self.said == []
+        assert self.fetched == [self.path.as_uri()]
 
 
 @pytest.fixture
@@ -90,21 +60,21 @@ def opened(browser, tmp_path):
     """Opens contents as a page, without WebGL, which takes seconds; fails at the end where it said or fetched anything."""
     pages = []
 
-    def opens(contents, *given, **more):
-        pages.append(Opened(browser, tmp_path, contents, *given, before=WITHOUT_WEBGL, **more))
+    def opens(contents, **more):
+        pages.append(Opened(browser, tmp_path, contents, **more))
         return pages[-1]
 
     yield opens
     for one in pages:
-        assert one.said == []
-        assert one.quiet()
+        one.check_quiet()
         one.page.context.close()
 
 
 @pytest.fixture(scope="session")
 def shared(browser, contents, tmp_path_factory):
     """The accepted calibration on a laptop, opened once; tests leave it as they found it."""
-    one = Opened(browser, tmp_path_factory.mktemp("shared"), contents, permissions=["clipboard-read", "clipboard-write"])
+    clipboard = ["clipboard-read", "clipboard-write"]
+    one = Opened(browser, tmp_path_factory.mktemp("shared"), contents, webgl=True, permissions=clipboard)
     yield one
     one.page.context.close()
 
@@ -112,8 +82,7 @@ def shared(browser, contents, tmp_path_factory):
 @pytest.fixture
 def laptop(shared):
     yield shared
-    assert shared.said == []
-    assert shared.quiet()
+    shared.check_quiet()
 
 
 def doubtful(contents):
@@ -126,7 +95,6 @@ def doubtful(contents):
     return replace(changed(contents, verdict="doubtful", cameras=cameras, **diagnosed(apart, odd)), rig=rig)
 
 
-OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 DRAWN = """() => Array.from(document.querySelectorAll(".plot"), (place) => [
     place.id, place.querySelectorAll(".main-svg").length,
     place.querySelectorAll("canvas, .scatterlayer .trace, .barlayer .point, .heatmaplayer image").length,
@@ -161,9 +129,7 @@ def contrast(first, second):
 def test_every_plot_is_drawn_and_nothing_is_said_or_fetched(laptop):
     drawn = laptop.told(DRAWN)
     assert {name for name, _, _ in drawn} == {"rig-above", "rig-space", "timeline-plot", "heights-plot"}
-    for name, sheets, marks in drawn:
-        assert sheets, name
-        assert marks, name
+    assert all(sheets and marks for _, sheets, marks in drawn)
 
 
 def test_the_table_of_cameras_is_what_calibration_json_holds(laptop, calibrated):
@@ -184,7 +150,7 @@ def test_the_table_of_cameras_is_what_calibration_json_holds(laptop, calibrated)
 @pytest.mark.parametrize("verdict", ["accepted", "refused"])
 def test_a_phone_never_scrolls_sideways(opened, contents, verdict):
     shown = contents if verdict == "accepted" else without_poses(contents, refusal("nobody_seen_whole", "C1"))
-    one = opened(shown, PHONE, has_touch=True)
+    one = opened(shown, size=PHONE, has_touch=True)
     assert one.told(OVERFLOW) == 0
     one.told("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     assert one.told(OVERFLOW) == 0
@@ -213,13 +179,7 @@ def test_text_is_readable_in_light_and_dark(opened, laptop, contents, verdict):
 INK = "getComputedStyle(document.querySelector('#heights-plot .xtitle')).fill"
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious(opened, contents, scheme):
-    one = opened(contents, scheme=scheme)
-    assert access_faults(one.page) == []
-
-
-def test_the_switch_changes_page_and_plots(laptop):
+def test_the_switch_and_the_system_change_the_theme_of_page_and_plots(laptop):
     before = laptop.told(INK), colours(laptop.page, "#verdict")
     for _ in range(2):
         laptop.page.click("#theme")
@@ -232,15 +192,11 @@ def test_the_switch_changes_page_and_plots(laptop):
     laptop.settle()
     assert laptop.page.text_content("#theme") == "Auto"
     assert (laptop.told(INK), colours(laptop.page, "#verdict")) == before
-
-
-def test_a_change_of_the_systems_theme_is_followed(laptop):
-    before = laptop.told(INK)
     laptop.page.emulate_media(color_scheme="dark")
-    laptop.until(f"{INK} !== '{before}'")
+    laptop.until(f"{INK} !== '{before[0]}'")
     laptop.settle()
     laptop.page.emulate_media(color_scheme="light")
-    laptop.until(f"{INK} === '{before}'")
+    laptop.until(f"{INK} === '{before[0]}'")
     laptop.settle()
 
 
@@ -329,7 +285,7 @@ def test_the_view_in_space_is_chosen_and_turned(laptop):
     laptop.until(f"{eye} !== '{seen[-1]}'")
 
 
-def test_one_person_is_shown_in_the_timeline(laptop):
+def test_one_person_is_shown_in_the_timeline_and_layers_of_pictures_are_switched(laptop):
     drawn = "(() => { const bars = document.getElementById('timeline-plot').data.at(-1);"
     drawn += " return bars.customdata.map((told, row) => [told[0], bars.marker.opacity[row]]); })()"
     everybody = laptop.told(drawn)
@@ -338,9 +294,6 @@ def test_one_person_is_shown_in_the_timeline(laptop):
     assert {who for who, opacity in laptop.told(drawn) if opacity == 1} == {2}
     laptop.page.select_option("#timeline-person", "")
     assert laptop.told(drawn) == everybody
-
-
-def test_layers_of_the_pictures_are_switched(laptop):
     shown = "getComputedStyle(document.querySelector('.layer-boxes')).display"
     assert laptop.told(shown) != "none"
     laptop.page.uncheck("[data-layer=boxes]")
@@ -350,11 +303,14 @@ def test_layers_of_the_pictures_are_switched(laptop):
     assert laptop.told(shown) != "none"
 
 
-def test_without_webgl_a_note_stands_where_the_view_would_be(opened, contents):
-    page = opened(contents).page
-    assert "needs WebGL" in page.text_content("#rig-space")
-    assert page.locator(".view-buttons").count() == 0
-    assert page.locator("#rig-above .main-svg").count()
+def test_without_webgl_a_note_stands_where_the_view_would_be_and_axe_finds_nothing_serious(opened, contents):
+    one = opened(contents)
+    assert "needs WebGL" in one.page.text_content("#rig-space")
+    assert one.page.locator(".view-buttons").count() == 0
+    assert one.page.locator("#rig-above .main-svg").count()
+    for scheme in ("light", "dark"):
+        one.theme(scheme)
+        assert access_faults(one.page) == [], scheme
 
 
 def test_names_run_nothing_and_are_shown_as_they_are(opened, contents):
@@ -370,11 +326,8 @@ def test_names_run_nothing_and_are_shown_as_they_are(opened, contents):
 
 def test_a_busy_hour_is_drawn(opened):
     one = opened(busy_place(cameras=16, people=100, seconds=3600, fps=0.5))
-    assert [name for name, sheets, marks in one.told(DRAWN) if sheets and marks] == [
-        "rig-above",
-        "timeline-plot",
-        "heights-plot",
-    ]
+    drawn = [name for name, sheets, marks in one.told(DRAWN) if sheets and marks]
+    assert drawn == ["rig-above", "timeline-plot", "heights-plot"]
     assert one.told(OVERFLOW) == 0
     bars = "document.querySelectorAll('#timeline-plot .barlayer .point').length"
     assert one.told(bars) == 0  # how many at once, not thousands of bars

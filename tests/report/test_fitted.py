@@ -1,4 +1,4 @@
-"""UprightBodies and joints at a sample of instants, against simulated truth."""
+"""Bodies and joints at a sample of instants, against simulated truth; and residual maps, in which a wrong lens shows."""
 
 from dataclasses import asdict, replace
 
@@ -11,8 +11,13 @@ from passerby.core.observations import Boxes, CameraObservations, Clock, Observa
 from passerby.interchange.storage.text_formats import plain
 from passerby.people.upright_bodies import UprightBodies, predict_boxes
 from passerby.report.fitted import body_model, fit_people
-from passerby.report.sampling import STEP_S, STRETCHES, sample_observations
-from support.report.drawings import contents, only_boxes, only_joints, simulated
+from passerby.report.residuals import Residuals, residual_cells, residual_map, residuals_of
+from passerby.report.sampling import sample_observations
+from support.report.drawings import contents, longer, only_boxes, only_joints, simulated, with_lens
+from support.report.svg import layer, of_class, parsed, scripts
+
+ENOUGH = 4
+"""Residuals of a cell, for an arrow."""
 
 
 def exact(made, slack=0.0, foot_shift=0.1):
@@ -113,20 +118,16 @@ def test_joints_are_met_where_there_are_no_boxes():
     assert np.median(np.linalg.norm(fit.ways.xy - at, axis=1)) < 0.25
 
 
-@pytest.mark.parametrize("posed", [0, 1])
-def test_nothing_is_found_and_nothing_fails_without_poses(posed):
+def test_nothing_is_found_and_nothing_fails_without_poses_or_without_people():
     made = simulated()
-    cameras = [one if k < posed else replace(one, pose=None, sigma=None) for k, one in enumerate(made.rig)]
-    fit = fit_people(contents(made, rig=Rig(tuple(cameras))))
-    assert (len(fit.rig), fit.place(made.rig.names[-1])) == (posed, None)
-    assert (fit.bodies.cameras <= 1).all()
-    if not posed:
-        assert fit.sample is None
-        assert len(fit.ways) == len(fit.joints) == len(fit.bodies) == 0
-
-
-def test_a_scene_without_people_has_an_empty_fit():
-    made = simulated()
+    for posed in (0, 1):
+        cameras = [one if k < posed else replace(one, pose=None, sigma=None) for k, one in enumerate(made.rig)]
+        fit = fit_people(contents(made, rig=Rig(tuple(cameras))))
+        assert (len(fit.rig), fit.place(made.rig.names[-1])) == (posed, None)
+        assert (fit.bodies.cameras <= 1).all()
+        if not posed:
+            assert fit.sample is None
+            assert len(fit.ways) == len(fit.joints) == len(fit.bodies) == 0
     nobody = dict.fromkeys(made.rig.names, CameraObservations())
     unknown = {name: CameraObservations(replace(seen.boxes, identity=np.full(len(seen.boxes), -1)))
                for name, seen in made.observations.cameras.items()}  # fmt: skip
@@ -145,9 +146,9 @@ def test_the_sample_of_a_long_recording_is_bounded_and_evenly_spread():
     sample, again = sample_observations(told, 3000), sample_observations(told, 3000)
     frames = np.concatenate([sample.seen[name].boxes.frame for name in made.rig.names])
     assert 2000 < len(frames) <= 3300
-    assert sample.step_s == pytest.approx(STEP_S, abs=0.15)
+    assert sample.step_s == pytest.approx(0.5, abs=0.15)
     share = np.unique(frames) / frames.max()
-    assert all(np.any((share >= k / STRETCHES) & (share < (k + 1) / STRETCHES)) for k in range(STRETCHES))
+    assert all(np.any((share >= k / 8) & (share < (k + 1) / 8)) for k in range(8))
     assert all(np.array_equal(sample.seen[name].boxes.ltwh, again.seen[name].boxes.ltwh) for name in made.rig.names)
 
 
@@ -181,3 +182,98 @@ def test_figures_that_make_no_sense_are_not_believed():
     assert model.foot_shift == usual.foot_shift
     assert model.heights == {2: 1.8}
     assert model.slack == {"A": 0.0}
+
+
+def cells_of(made, change, name, seen):
+    """Cells of a camera whose lens is changed, and of each cell its mean residual outwards and across, pixels, and how far
+    it is from the principal point.
+    """
+    rig = with_lens(made.rig, name, change)
+    told = contents(made, rig=rig, seen=seen)
+    cells = residual_cells(residuals_of(fit_people(told), name), rig[name].lens.size)
+    row, column = np.nonzero(cells.count >= ENOUGH)
+    place = np.column_stack([column + 0.5, row + 0.5]) * cells.size - made.rig[name].lens.matrix[:2, 2]
+    far = np.linalg.norm(place, axis=1)
+    unit = place / far[:, None]
+    mean = cells.mean[row, column]
+    across = mean[:, 0] * unit[:, 1] - mean[:, 1] * unit[:, 0]
+    return cells, (mean * unit).sum(axis=1), across, far
+
+
+@pytest.mark.parametrize("preset", ["terrace", "basketball"])
+@pytest.mark.parametrize(("factor", "sign"), [(0.95, 1), (1.05, -1)])
+def test_a_wrong_focal_length_points_outwards_or_inwards_everywhere_and_the_true_one_does_not(preset, factor, sign):
+    made = simulated(preset)
+    cells, outwards, across, far = cells_of(made, longer(factor), made.rig.names[1], only_boxes(made))
+    assert len(outwards) >= 10
+    beyond = far > 40
+    assert (np.sign(outwards[beyond]) == sign).mean() > 0.95
+    assert np.abs(outwards).mean() > 3 * np.abs(across).mean()
+    # The farther from the middle, the more.
+    assert sign * np.corrcoef(far, outwards)[0, 1] > 0.5
+    assert cells.sure.sum() >= 0.8 * len(outwards)
+    true = cells_of(made, longer(1.0), made.rig.names[1], only_boxes(made))[1]
+    assert preset == "basketball" or abs(true.mean()) < 0.1 * abs(outwards.mean())
+
+
+def test_a_wrong_distortion_grows_towards_the_border():
+    made = simulated("basketball")
+
+    def bent(lens):
+        distortions = np.array(lens.distortions)
+        distortions[0] += 0.08
+        return replace(lens, distortions=distortions)
+
+    name = made.rig.names[1]
+    _, outwards, _, far = cells_of(made, bent, name, only_joints(made))
+    outer, inner = far > np.quantile(far, 0.7), far < np.quantile(far, 0.4)
+    assert np.abs(outwards[outer].mean()) > 3 * np.abs(outwards[inner].mean())
+
+
+def test_cells_hold_means_and_scatter():
+    rng = np.random.default_rng(0)
+    at = rng.uniform(0, (600, 400), (5000, 2))
+    miss = rng.normal((2.0, -1.0), 3.0, (5000, 2))
+    cells = residual_cells(Residuals(at, miss, "joints"), (600, 400))
+    assert cells.count.shape == (8, 12)
+    assert cells.count.sum() == 5000
+    assert cells.mean.reshape(-1, 2).mean(axis=0) == pytest.approx((2.0, -1.0), abs=0.2)
+    assert np.sqrt((cells.rms**2).mean()) == pytest.approx(np.sqrt(2 * 9 + 5), rel=0.03)
+    assert cells.sure.mean() > 0.9
+    chance = residual_cells(Residuals(at, miss - (2.0, -1.0), "joints"), (600, 400))
+    assert chance.sure.mean() < 0.25
+    corners = np.array([[0.0, 0.0], [599.0, 399.0]])
+    one = residual_cells(Residuals(corners, np.array([[1.0, 0.0], [0.0, 2.0]]), "joints"), (600, 400))
+    assert one.count[0, 0] == one.count[-1, -1] == 1
+    assert one.rms[-1, -1] == pytest.approx(2.0)
+
+
+def test_the_map_draws_each_cell_and_its_arrow_to_scale_and_is_there_where_there_is_nothing_to_map():
+    made = simulated()
+    name = made.rig.names[1]
+    rig = with_lens(made.rig, name, longer(1.05))
+    told = contents(made, rig=rig, seen=only_boxes(made))
+    fit = fit_people(told)
+    svg = residual_map(told, fit, name)
+    root = parsed(svg)
+    cells = residual_cells(residuals_of(fit, name), rig[name].lens.size)
+    assert len(list(layer(root, "cells"))) == np.count_nonzero(cells.count)
+    factor = int(root.get("data-magnification"))
+    arrows = {tuple(map(int, g.get("data-cell").split())): of_class(g, "arrow")[0] for g in layer(root, "arrows")}
+    assert {(int(row), int(column)) for row, column in np.argwhere(cells.sure)} <= set(arrows)
+    for (row, column), path in arrows.items():
+        begin, end = (np.array(part.split(), float) for part in path.get("d").split("M")[1].split("L"))
+        assert cells.count[row, column] >= ENOUGH
+        assert np.abs(end - begin - factor * cells.mean[row, column]).max() < 0.11
+        assert np.linalg.norm(end - begin) < 3.1 * min(cells.size)
+        assert ("faint" in path.get("class")) != cells.sure[row, column]
+    assert f"{factor} times" in svg
+    assert svg == residual_map(told, fit_people(told), name)
+    assert not scripts(svg)
+    assert len(svg) < 60_000
+
+    rig = replace(made.rig, cameras=tuple(replace(one, pose=None) for one in made.rig))
+    told = contents(made, rig=rig)
+    root = parsed(residual_map(told, fit_people(told), name))
+    assert not list(layer(root, "cells"))
+    assert any("no residuals" in (one.text or "") for one in root.iter())

@@ -1,4 +1,4 @@
-"""What the page is put together from: escaping, fixes, stretches of time, weak points, distances."""
+"""What the page is put together from: escaping, fixes, uses of a doubtful rig, stretches of time, weak points, distances."""
 
 import json
 from dataclasses import replace
@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from jinja2 import UndefinedError
-from markupsafe import Markup
 
 from passerby.common.errors import InputError
+from passerby.core.measuring import MeasuringFigures, MeasuringSigma
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.findings.finding import doubt, notice
 from passerby.report.contents import contents_from
 from passerby.report.distances import best_to_measure, distances_of, outstanding, weak_points
 from passerby.report.headline import _people_label
-from passerby.report.recommendations import FOR_ANY, Point, points_of, reported_doubts, sentence
-from passerby.report.rendering import environment, plot, section
+from passerby.report.recommendations import FOR_ANY, Point, good_for, points_of, reported_doubts, sentence
+from passerby.report.rendering import environment, plot
 from passerby.report.seen import find_seen, lanes_of, merge_spells
 from passerby.report.view_graph import links_of
 from support.report.pages import busy_place, changed, diagnosed, document_of, with_figures
@@ -45,13 +44,6 @@ def test_no_json_ends_its_script(value):
     assert json.loads(inside) == value
 
 
-def test_what_a_template_made_is_not_escaped_twice_and_a_name_without_a_value_is_an_error():
-    assert filled("<p>{{ b }}{{ text }}</p>", b=Markup("<b>a &lt; b</b>"), text="<i>") == "<p><b>a &lt; b</b>&lt;i&gt;</p>"
-    assert section("rig", "&", site=False, plan=None, plots=()).html.count("<section ") == 1
-    with pytest.raises(UndefinedError):
-        filled("{{ nothing_of_this_name }}")
-
-
 def points(*findings):
     return written(**diagnosed(*findings))
 
@@ -61,7 +53,7 @@ def written(**tables):
     return points_of(reported_doubts(document_of({"verdict": "doubtful", "cameras": [], **tables})))
 
 
-def test_a_doubt_is_a_problem_and_a_remedy():
+def test_a_doubt_is_a_problem_and_a_remedy_also_if_its_sentence_has_none():
     few, slow = doubt("few_observations", "C1", agreeing=7), doubt("adjustment_not_converged")
     assert points(few, slow, notice("frame_rate_missing", place="scene.toml")) == [
         Point("Camera C1 has only 7 supporting observations.", "Record more people in its view."),
@@ -71,15 +63,12 @@ def test_a_doubt_is_a_problem_and_a_remedy():
     (point,) = points(cut)
     assert point.problem.startswith("V1.txt: camera V1: its people seem to be detected in images of 96 x 54")
     assert point.remedy.startswith("Give intrinsics for images of that size")
-
-
-def test_a_doubt_whose_sentence_has_no_remedy_gets_one():
     (point,) = points(doubt("few_inliers", "C1", share=0.2))
     assert point.problem == "Only 20% of the points that camera C1 shares with the reference agree with its pose."
     assert point.remedy == "Record people walking where the views of these cameras overlap."
 
 
-def test_what_another_passerby_wrote_is_shown_as_it_stands():
+def test_findings_of_another_passerby_are_shown_as_they_stand():
     row = {"code": "eaten", "severity": "doubt", "cameras": ["C1"], "values": {}, "text": "a dog ate it", "remedy": "feed it"}
     assert written(diagnostics=[row]) == [Point("A dog ate it.", "Feed it.")]
     lacking = {**row, "code": "few_observations"}
@@ -95,21 +84,19 @@ def test_what_another_passerby_wrote_is_shown_as_it_stands():
     ("code", "values", "names", "problem"),
     [
         ("few_walkers", {}, "ABC", "Cameras A, B and C saw too few people who walk for a second or longer."),
-        ("few_observations", {"agreeing": 3}, "ABC",
-         "Camera A has only 3 supporting observations (likewise cameras B and C)."),
+        ("few_observations", {"agreeing": 3}, "ABC", "Camera A has only 3 supporting observations (likewise cameras B and C)."),
         ("few_walkers", {}, ("cam1", "cam12", "north gate", "a.b"),
          "Cameras cam1, cam12, north gate and a.b saw too few people who walk for a second or longer."),
     ],
 )  # fmt: skip
-def test_what_is_said_of_several_cameras_is_said_once(code, values, names, problem):
+def test_a_problem_of_several_cameras_is_said_once(code, values, names, problem):
     (point,) = points(*(doubt(code, name, **values) for name in names))
     assert point.problem == problem
 
 
-@pytest.mark.parametrize("path", ["single/cam01.mp4", "scene.toml", "videos", "C1.mp4"])
-def test_a_path_keeps_its_spelling(path):
-    text = sentence(f"{path}: camera C1: 3 pictures could not be decoded")
-    assert text.startswith(path if path != "videos" else "Videos:")
+def test_a_path_keeps_its_spelling():
+    for path, begins in (("single/cam01.mp4",) * 2, ("scene.toml",) * 2, ("C1.mp4",) * 2, ("videos", "Videos:")):
+        assert sentence(f"{path}: camera C1: 3 pictures could not be decoded").startswith(begins)
     assert sentence("people stand") == "People stand."
 
 
@@ -122,6 +109,33 @@ def test_tracks_are_not_called_people(mode, used, label):
     tables = {"verdict": "accepted", "cameras": [], "scene": {"association": {"mode": mode}}}
     contents = SimpleNamespace(document=document_of(tables))
     assert _people_label(contents, used) == label
+
+
+POINTS = MeasuringSigma(median_mm=31.0, p90_mm=60.0)
+MEASURING = MeasuringFigures(places=9, points=POINTS, ground=POINTS.scaled(3.0), ground_height_mm=34.0, cameras={})
+
+
+def uncertain(what, *cameras, sigma=None, lacks=()):
+    return doubt("rig_uncertain", *cameras, what=what, sigma=sigma, lacks=list(lacks), why=None)
+
+
+SCALE, UP = uncertain("scale", sigma=14.0), uncertain("ground", lacks=("vertical",))
+FEW = uncertain("points", "C1", sigma=600.0)
+LAYOUT = "Still good for the rough layout of the cameras and for counting people."
+
+
+@pytest.mark.parametrize(
+    ("doubts", "text"),
+    [
+        ([FEW], "Still good for what cameras C2, C3 see: points to 3 cm, positions on the ground to 9 cm (1 sigma)."),
+        ([SCALE], "Still good for what the cameras see, up to the scale; not for the scale."),
+        ([UP], "Still good for what the cameras see: points to 3 cm (1 sigma); not for the up direction and the ground."),
+        ([FEW, uncertain("points", "C2", sigma=700.0)], LAYOUT),
+        ([uncertain("points")], LAYOUT),
+    ],
+)
+def test_one_line_says_what_a_doubtful_rig_is_still_good_for(doubts, text):
+    assert good_for(doubts, ("C1", "C2", "C3"), MEASURING) == text
 
 
 def seen_at(*frames_of_people):
@@ -137,15 +151,13 @@ def contents_with(seen, clocks=None, fps=5.0):
     return replace(contents, observations=observations, clocks=clocks or {})
 
 
-def test_short_breaks_are_closed_and_long_ones_kept():
+def test_short_breaks_are_closed_long_ones_kept_and_stretches_follow_the_cameras_clocks():
     spells = find_seen(contents_with([seen_at([1, 2, 4, 5, 6, 20, 21], [3, 4])])).spells
     assert spells.identity.tolist() == [1, 2, 1]
     assert spells.begin.tolist() == pytest.approx([0.0, 0.4, 3.8])
     assert spells.end.tolist() == pytest.approx([1.2, 0.8, 4.2])
     assert spells.in_seconds
 
-
-def test_stretches_follow_the_cameras_clocks():
     contents = contents_with([seen_at([1, 2]), seen_at([11, 12])], fps=None)
     assert not find_seen(contents).spells.in_seconds
     names = contents.rig.names
@@ -154,7 +166,7 @@ def test_stretches_follow_the_cameras_clocks():
     assert spells.begin.tolist() == [0.0, 4.0]
 
 
-def test_merging_closes_the_shortest_breaks_and_loses_nobody():
+def test_merging_closes_the_shortest_breaks_and_loses_no_person():
     spells = find_seen(busy_place(cameras=2, people=20, seconds=900, fps=2.0)).spells
     fewer = merge_spells(spells, len(spells) // 2)
     assert len(fewer) == len(spells) // 2

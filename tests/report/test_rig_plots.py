@@ -1,9 +1,10 @@
-"""The rig in space and from above: what is drawn stands where the cameras, the sigmas and the people are."""
+"""The rig in space, from above and on its plan: what is drawn stands where the cameras, the sigmas and the people are."""
 
 import json
 import re
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -12,10 +13,13 @@ from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.lens_figures import border_rays
 from passerby.core.observations import CameraObservations, Observations
 from passerby.findings.finding import notice
+from passerby.interchange.calibration_json import PlanEntry, ResidualEntry, WorldEntry
 from passerby.report.fitted import fit_people
-from passerby.report.rig_geometry import density, frustum, magnification, stage_of, wedge
+from passerby.report.rendering import render
 from passerby.report.rig_geometry import escape_name as told_name
+from passerby.report.rig_geometry import frustum, magnification, stage_of, wedge
 from passerby.report.rig_plots import rig_from_above, rig_in_space
+from passerby.report.site_map import plan_drawing
 from support.report.drawings import contents, only_boxes, simulated
 from support.report.pages import changed, diagnosed
 
@@ -75,7 +79,7 @@ def test_ellipses_stand_at_their_cameras_as_large_and_turned_as_they_say(drawn_r
         assert np.sqrt(np.einsum("ni,ij,nj->n", away, weight, away)) == pytest.approx(factor, rel=0.01)
 
 
-def test_sigmas_without_directions_are_circles_and_said_to_be(made):
+def test_sigmas_without_directions_are_circles_and_said_to_be_and_magnification_is_a_whole_factor(made):
     rig = Rig(tuple(replace(one, sigma=PoseSigma(0.3, 0.1)) for one in made.rig))
     told = contents(made, rig=rig, seen=only_boxes(made))
     plan = rig_from_above(told, fit_people(told))
@@ -86,6 +90,7 @@ def test_sigmas_without_directions_are_circles_and_said_to_be(made):
     assert radius == pytest.approx(0.3 / np.sqrt(3) * plan["layout"]["meta"]["magnification"], abs=2e-4)
     without = contents(made, rig=Rig(tuple(replace(one, sigma=None) for one in made.rig)), seen=only_boxes(made))
     assert not [one for one in rig_from_above(without, fit_people(without))["data"] if one["name"].startswith("1 sigma")]
+    assert [magnification(sigma_m, 20.0) for sigma_m in (0.001, 0.1, 5.0, 0.0)] == [1000, 10, 1, 1]
 
 
 def test_groups_that_people_join_have_a_dashed_line_between_them(made):
@@ -102,12 +107,12 @@ def test_groups_that_people_join_have_a_dashed_line_between_them(made):
     assert not [one for one in rig_from_above(without, fit_people(told))["data"] if one["name"].startswith("joined by")]
 
 
-def test_magnification_is_a_whole_factor():
-    assert [magnification(sigma_m, 20.0) for sigma_m in (0.001, 0.1, 5.0, 0.0)] == [1000, 10, 1, 1]
-
-
-def test_cameras_stand_where_they_are(drawn_rig):
+def test_cameras_stand_where_they_are_and_colours_are_left_to_the_page(drawn_rig):
     told, _, plan, space = drawn_rig
+    for figure in drawn_rig[2:]:
+        assert not {"paper_bgcolor", "plot_bgcolor", "font", "template"} & set(figure["layout"])
+        axes = [figure["layout"], *([figure["layout"]["scene"]] if "scene" in figure["layout"] else [])]
+        assert not any("gridcolor" in value for one in axes for value in one.values() if isinstance(value, dict))
     for camera in told.rig:
         mark = next(one for one in plan["data"] if camera.name in one.get("text", []))
         assert (mark["x"][0], mark["y"][0]) == pytest.approx(camera.centre[:2], abs=2e-3)
@@ -121,12 +126,20 @@ def test_cameras_stand_where_they_are(drawn_rig):
         assert "± 42 mm" in mark["hovertext"][0]
 
 
-def test_a_frustum_is_the_border_of_the_picture(made):
+def test_a_frustum_is_the_border_of_the_picture_and_a_wedge_the_ground_that_is_seen(made):
     for camera in made.rig:
         corners = frustum(camera, 2.0)[::8]
         size = np.array(camera.lens.size)
         assert np.abs(camera.project(corners) - np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * size + 0.5).max() < 0.01
         assert (corners - camera.centre) @ camera.pose.R_cw[2] == pytest.approx(2.0)
+        outline = wedge(camera, 5.0)
+        away = np.linalg.norm(outline - camera.centre[:2], axis=1)
+        assert away.min() < 1e-5
+        assert away.max() == pytest.approx(5.0, abs=1e-3)
+        far = outline[away > 4.9]
+        pixels = camera.project(np.column_stack([far, np.zeros(len(far))]))
+        assert (pixels[:, 0] > -3).all()
+        assert (pixels[:, 0] < camera.lens.size[0] + 3).all()
 
 
 def test_a_fisheye_with_black_corners_has_a_frustum():
@@ -142,18 +155,6 @@ def test_a_fisheye_with_black_corners_has_a_frustum():
     angle = np.sort(np.arctan2(around[:, 1], around[:, 0]))
     assert np.diff(angle).max() < 1.0
     assert np.linalg.norm(around, axis=1).max() <= 6.0 + 1e-6
-
-
-def test_a_wedge_is_what_the_camera_sees_of_the_ground(made):
-    for camera in made.rig:
-        outline = wedge(camera, 5.0)
-        away = np.linalg.norm(outline - camera.centre[:2], axis=1)
-        assert away.min() < 1e-5
-        assert away.max() == pytest.approx(5.0, abs=1e-3)
-        far = outline[away > 4.9]
-        pixels = camera.project(np.column_stack([far, np.zeros(len(far))]))
-        assert (pixels[:, 0] > -3).all()
-        assert (pixels[:, 0] < camera.lens.size[0] + 3).all()
 
 
 def test_people_are_drawn_where_they_walked(drawn_rig, made):
@@ -172,16 +173,6 @@ def test_people_are_drawn_where_they_walked(drawn_rig, made):
     every = every[np.isfinite(every[:, 0])]
     assert len(every) >= 0.95 * len(fit.ways)
     assert away(every[:, :2]) < 0.4
-
-
-def test_density_counts_every_place_once():
-    low, high = np.zeros(2), np.full(2, 10.0)
-    x, y, share = density(np.random.default_rng(0).uniform(0, 10, (500, 2)), low, high)
-    assert share.shape == (len(y), len(x))
-    assert share.sum() == pytest.approx(1.0)
-    x, y, share = density(np.array([[1.1, 7.3]]), low, high)
-    row, column = np.argwhere(share > 0)[0]
-    assert (x[column], y[row]) == pytest.approx((1.1, 7.3), abs=0.16)
 
 
 def test_views_look_at_the_people_and_out_of_each_camera(drawn_rig):
@@ -213,7 +204,7 @@ def test_views_look_at_the_people_and_out_of_each_camera(drawn_rig):
     assert metres(views["Oblique"]["eye"])[2] > stage.high[2]
 
 
-def test_cameras_without_a_pose_are_listed_and_not_drawn(made):
+def test_cameras_without_a_pose_are_listed_and_not_drawn_and_a_refused_rig_gives_empty_figures(made):
     lost = made.rig.names[1]
     cameras = [replace(one, pose=None, sigma=None) if one.name == lost else one for one in made.rig]
     told = contents(made, rig=Rig(tuple(cameras)), seen=only_boxes(made))
@@ -222,9 +213,6 @@ def test_cameras_without_a_pose_are_listed_and_not_drawn(made):
         assert figure["layout"]["meta"]["unregistered"] == [lost]
         assert not [one for one in figure["data"] if one.get("name") == lost]
     assert f"not registered: {lost}" in above["layout"]["annotations"][0]["text"]
-
-
-def test_a_refused_calibration_gives_empty_figures(made):
     nothing = Observations(dict.fromkeys(made.rig.names, CameraObservations()))
     for rig in (Rig(tuple(replace(one, pose=None) for one in made.rig)), Rig(made.rig.cameras[:1])):
         told = contents(made, rig=rig, seen=nothing)
@@ -246,8 +234,61 @@ def test_names_are_inert_and_figures_are_plain_small_and_the_same_again(made):
     assert (told_name("R&D, a < b"), told_name("&#60;&amp;")) == ("R&D, a ‹ b", "& #60;& amp;")
 
 
-def test_figures_leave_the_colours_of_page_and_text_to_the_page(drawn_rig):
-    for figure in drawn_rig[2:]:
-        assert not {"paper_bgcolor", "plot_bgcolor", "font", "template"} & set(figure["layout"])
-        axes = [figure["layout"], *([figure["layout"]["scene"]] if "scene" in figure["layout"] else [])]
-        assert not any("gridcolor" in value for one in axes for value in one.values() if isinstance(value, dict))
+UNIT, WIDTH, HEIGHT, ORIGIN = 0.02, 600, 800, (120.0, 700.0)
+ROWS = (
+    ResidualEntry(camera="C1", off_m=0.05, stated_m=(1.0, 2.0), found_m=(1.0, 2.05)),
+    ResidualEntry(point="kerb", camera="C2", off_m=1.5, used=False, stated_m=(3.0, 2.0), found_m=(4.5, 2.0)),
+    ResidualEntry(point="sky", camera="C1", off_m=None, used=False, stated_m=(3.5, 2.0)),
+)
+
+
+def plan_of(image, tmp_path):
+    made = simulated("terrace")
+    told = contents(made, seen=only_boxes(made))
+    world = WorldEntry(by="plan plan.png", plan=PlanEntry(image=image, metres_per_pixel=UNIT, origin=ORIGIN), residuals=ROWS)
+    told = replace(told, document=replace(told.document, world=world, scene_file=str(tmp_path / "scene.toml")))
+    drawn = plan_drawing(told, fit_people(told))
+    html = render("rig.html", site=False, plan=drawn, plots=[drawn.plot])
+    figure = re.search(r'<script[^>]*id="rig-plan-figure"[^>]*>(.*?)</script>', html, re.DOTALL)
+    return html, json.loads(figure[1])
+
+
+@pytest.fixture
+def drawn_plan(tmp_path):
+    cv2.imwrite(str(tmp_path / "plan.png"), np.full((HEIGHT, WIDTH, 3), 200, np.uint8))
+    return plan_of("plan.png", tmp_path)
+
+
+def test_the_plans_picture_lies_where_its_pixels_are_and_placements_lead_from_click_to_rig(drawn_plan):
+    (image,) = drawn_plan[1]["layout"]["images"]
+    # The outer corner of the first pixel, half a pixel from its centre.
+    assert (image["x"], image["y"]) == (pytest.approx(UNIT * (-0.5 - ORIGIN[0])), pytest.approx(UNIT * (ORIGIN[1] + 0.5)))
+    assert (image["sizex"], image["sizey"]) == (pytest.approx(UNIT * WIDTH), pytest.approx(UNIT * HEIGHT))
+    assert image["source"].startswith("data:image/jpeg;base64,")
+    assert image["layer"] == "below"
+    low, high = drawn_plan[1]["layout"]["xaxis"]["range"]
+    assert low < image["x"]
+    assert high > image["x"] + image["sizex"]
+
+    html, figure = drawn_plan
+    marks = {one["name"]: one for one in figure["data"] if one.get("mode") == "markers"}
+    assert (marks["placed on the plan"]["x"], marks["placed on the plan"]["y"]) == ([1.0], [2.0])
+    assert (marks["left out"]["x"], marks["left out"]["y"]) == ([3.0, 3.5], [2.0, 2.0])
+    assert marks["left out"]["hovertext"] == [
+        "point kerb in camera C2: 1.50 m, 75 px off",
+        "point sky in camera C1: above the horizon",
+    ]
+    lines = {one["name"]: one for one in figure["data"] if one.get("mode") == "lines" and one.get("name") in marks}
+    assert lines["left out"]["x"] == [3.0, 4.5, None, 3.5, 3.5]
+    assert "3 placements of cameras and points" in html
+    assert "Red: 2 left out." in html
+    assert any(one.get("name") == "people" for one in figure["data"])
+
+
+def test_without_the_picture_the_rest_is_drawn_and_the_page_says_so(tmp_path):
+    html, figure = plan_of("gone.png", tmp_path)
+    assert "is not where it was" in html
+    assert figure["layout"]["images"] == []
+    assert any(one.get("mode") == "markers" for one in figure["data"])
+    told = contents(simulated("terrace"))
+    assert plan_drawing(told, fit_people(told)) is None, "a world without a plan"

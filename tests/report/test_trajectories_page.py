@@ -1,4 +1,4 @@
-"""The page: everybody in both views, the cameras, offline, small, the same bytes."""
+"""The page of trajectories: everybody in both views, the cameras, offline, small, the same bytes."""
 
 import json
 import re
@@ -19,9 +19,9 @@ def drawn(html):
     return json.JSONDecoder().raw_decode(text[text.index("[") :])[0]
 
 
-def example(people=3, seconds=12.0):
+def example():
     rig = ring(3)
-    return trajectories(rig, watched(rig, people, seconds), clocks_of(rig), POLES), rig
+    return trajectories(rig, watched(rig, 3, 12.0), clocks_of(rig), POLES), rig
 
 
 def test_one_line_a_person_in_each_view_and_the_cameras():
@@ -44,31 +44,21 @@ def test_one_line_a_person_in_each_view_and_the_cameras():
     colours = {trace["name"]: trace["line"]["color"] for trace in traces if "line" in trace}
     assert [colours[f"person {number}"] for number in (1, 2, 3)] == [person_colour(number) for number in (1, 2, 3)]
     assert [colours[camera.name] for camera in rig] == [camera_colour(place) for place in range(3)]
-
-
-def test_names_are_no_markup():
-    found, rig = example()
     hostile = type(rig)(tuple(replace(camera, name=f"<b>{camera.name}</b>&lt;") for camera in rig))
     for trace in drawn(trajectories_page(found, hostile, "t")):
-        shown = [trace["name"], *trace.get("text", ())]
-        assert not any("<b>" in text or "&lt;" in text for text in shown)
+        assert not any("<b>" in text or "&lt;" in text for text in (trace["name"], *trace.get("text", ())))
 
 
-def test_parts_are_not_joined():
+def test_parts_are_not_joined_and_much_is_thinned_and_says_so(monkeypatch):
     found, rig = example()
     keep = (found.frame < 20) | (found.frame > 40)
     columns = {name: getattr(found, name)[keep] for name in ("identity", "frame", "time_s", "xyz", "sigma_m", "cameras")}
     cut = replace(found, **columns, part=np.where(found.frame > 40, 2, 1)[keep])
     line = next(trace for trace in drawn(trajectories_page(cut, rig, "t")) if trace["name"] == "person 2")
     assert line["x"].count(None) == 1
-
-
-def test_much_is_thinned_and_says_so(monkeypatch):
-    found, rig = example()
-    whole = trajectories_page(found, rig, "t")
+    assert "Every 3" not in trajectories_page(found, rig, "t")
     monkeypatch.setattr(page, "MOST_PLACES", 60)
     thin = trajectories_page(found, rig, "t")
-    assert "Every 3th position" not in whole
     assert "Every 3rd position" in thin
     lines = [trace for trace in drawn(thin) if trace["name"].startswith("person") and trace["type"] == "scatter"]
     assert sum(len(line["x"]) for line in lines) <= 60 + 2 * 3

@@ -1,7 +1,5 @@
 """The body is as tall as declared, stands on the ground, and moves like one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -13,14 +11,14 @@ from passerby.simulation.observe import observe_camera
 HEIGHTS = np.array([1.55, 1.72, 1.90])
 
 
-def state(times: int = 1, **values: float | np.ndarray) -> BodyState:
+def state(times=1, **values):
     zero = np.zeros((times, len(HEIGHTS)))
     names = ("heading", "speed", "phase", "jump", "crouch", "lean", "seat", "raised_left", "raised_right", "carry")
     columns = {name: zero + values.get(name, 0.0) for name in names}
     return BodyState(xy=np.zeros((times, len(HEIGHTS), 2)), **columns)
 
 
-def extent(body: BodyState) -> tuple[np.ndarray, np.ndarray]:
+def extent(body):
     """Lowest and highest point, (T, P) metres."""
     centres, radii = body_spheres(pose_joints(body, HEIGHTS), HEIGHTS)
     return (centres[..., 2] - radii).min(axis=2), (centres[..., 2] + radii).max(axis=2)
@@ -66,7 +64,7 @@ def test_bones_keep_their_length():
                  lean=rng.uniform(0, 1.2, (300, 3)), seat=rng.uniform(0, 1, (300, 3)))  # fmt: skip
     joints = pose_joints(body, HEIGHTS)
 
-    def bone(a: str, b: str) -> np.ndarray:
+    def bone(a, b):
         return np.linalg.norm(joints[:, :, JOINTS.index(a)] - joints[:, :, JOINTS.index(b)], axis=-1) / HEIGHTS
 
     for side in ("left", "right"):
@@ -74,15 +72,12 @@ def test_bones_keep_their_length():
         np.testing.assert_allclose(bone(f"{side}_knee", f"{side}_ankle"), SHANK, atol=1e-6)
 
 
-def test_crouching_shortens_and_a_raised_arm_lengthens():
+def test_crouching_shortens_a_raised_arm_lengthens_and_knees_point_where_the_body_faces():
     poses = {}, {"crouch": 1.0, "lean": 0.5}, {"crouch": 0.8, "seat": 1.0}, {"raised_right": 1.0}
     standing, squatting, sitting, reaching = (extent(state(**pose))[1] for pose in poses)
     assert (squatting < 0.68 * standing).all()
     assert (sitting < 0.78 * standing).all()
     assert (reaching > 1.15 * standing).all()
-
-
-def test_knees_point_where_the_body_faces_and_left_is_on_the_left():
     joints = pose_joints(state(heading=np.pi / 2, crouch=0.7), HEIGHTS)
     knees, pelvis = joints[0, :, JOINTS.index("left_knee")], joints[0, :, JOINTS.index("pelvis")]
     assert (knees[:, 1] - pelvis[:, 1] > 0.15).all()

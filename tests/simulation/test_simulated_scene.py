@@ -1,20 +1,20 @@
-"""Whole scenes: areas, cameras, motion and boxes as declared."""
-
-from __future__ import annotations
+"""Whole scenes: areas, cameras, lenses, motion and boxes as declared."""
 
 import numpy as np
 import pytest
 
-from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose
 from passerby.simulation import PRESETS, SimulationOptions, simulate
-from passerby.simulation.motion import PAD_S
+from passerby.simulation.lenses import SHARED, TYPICAL, VARIED, before_fold, draw_lenses, fold_radius
+from passerby.simulation.observe import find_whole_in_view
 from support.scenes.simulated import edges_of, scene
 
+PICTURE = (1280, 720)
 PICTURES = {"terrace": (720, 576), "basketball": (720, 576), "construction": (1352, 760)}
 EVERY_PRESET = pytest.mark.parametrize("preset", list(PRESETS))
 
 
-def equal(first, second) -> bool:
+def equal(first, second):
     for name in first.rig.names:
         a, b = first.observations[name], second.observations[name]
         if not np.array_equal(a.boxes.ltwh, b.boxes.ltwh) or not np.array_equal(a.boxes.identity, b.boxes.identity):
@@ -157,18 +157,15 @@ def test_heights_follow_the_options():
     heights = np.array(list(scene(people=200, seconds=0.2, cameras=1).heights.values()))
     assert heights.mean() == pytest.approx(1.72, abs=0.02)
     assert heights.std() == pytest.approx(0.09, abs=0.015)
-    tall = np.array(
-        list(scene(people=50, seconds=0.2, cameras=1, person_height_mean_m=1.9, person_height_sd_m=0.0).heights.values())
-    )
-    np.testing.assert_allclose(tall, 1.9)
+    tall = scene(people=50, seconds=0.2, cameras=1, person_height_mean_m=1.9, person_height_sd_m=0.0)
+    np.testing.assert_allclose(list(tall.heights.values()), 1.9)
 
 
 @pytest.mark.slow
 def test_occlusion_takes_boxes_away_and_hides_joints():
     crowd = {"people": 40, "seconds": 2.0}
     hidden, free = scene(**crowd), scene(**crowd, occlusion=False)
-    n_hidden = sum(len(hidden.observations[name].boxes) for name in hidden.rig.names)
-    n_free = sum(len(free.observations[name].boxes) for name in free.rig.names)
+    n_hidden, n_free = (sum(len(seen.boxes) for seen in one.observations.cameras.values()) for one in (hidden, free))
     assert 0.3 * n_free < n_hidden < 0.85 * n_free
     few, alone = scene(people=1), scene(people=1, occlusion=False)
     assert equal(few, alone)
@@ -217,9 +214,6 @@ def test_clock_offsets_show_the_world_at_another_time():
         a, b = (a[shift:], b[: len(b) - shift]) if shift >= 0 else (a[:shift], b[-shift:])
         assert np.isfinite(a).mean() > 0.5
         np.testing.assert_allclose(a, b, atol=0.02)
-
-
-def test_drawn_clock_offsets_stay_within_the_largest_and_spare_the_first_camera():
     offsets = np.array(list(scene(cameras=20, people=1, seconds=1.0, clock_offsets=0.5).clock_offsets.values()))
     assert offsets[0] == 0
     assert np.abs(offsets).max() <= 0.5
@@ -234,18 +228,69 @@ def test_people_come_in_late_at_the_edge():
     assert 0.15 < late.mean() < 0.45
     assert there[-1].all()
     assert (np.diff(there.astype(int), axis=0) >= 0).all()
-    assert PAD_S > 5
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("preset", "harbour"), ("preset", "airport"), ("seed", -1), ("cameras", 0), ("people", 0), ("seconds", 0.0),
-     ("fps", float("nan")), ("box_noise", -0.01), ("missing", 1.5), ("identity_swaps", 2.0), ("clock_offsets", 9.0),
-     ("clock_offsets", (0.1, 0.2)), ("clock_offsets", (0.1, 0.2, 0.3, 7.0)), ("camera_height_m", 0.0),
-     ("person_height_sd_m", -0.1), ("false_boxes", -1.0), ("corner_noise_px", float("inf")), ("lenses", "long")],
-)  # fmt: skip
-def test_bad_options_are_named(name, value):
-    with pytest.raises(InputError, match="airport for a site" if value == "airport" else name) as error:
-        SimulationOptions(**{name: value})
-    assert error.value.exit_status == 2
-    assert "\n" not in str(error.value)
+def drawn_lenses(kind, count=400):
+    rng = np.random.default_rng(5)
+    children = rng.spawn(count)
+    lens_of = draw_lenses(kind, PICTURE, rng)
+    return [lens_of(child) for child in children]
+
+
+def test_varied_lenses_cover_their_ranges():
+    lenses = drawn_lenses(VARIED)
+    widths = np.array([lens.focal / PICTURE[0] for lens in lenses])
+    assert 0.5 <= widths.min() < 0.52
+    assert 1.9 < widths.max() <= 2.0
+    assert np.median(widths) == pytest.approx(1.0, abs=0.1)  # log-uniform: the middle of the logarithms
+    k1 = np.array([lens.distortions[0] for lens in lenses])
+    assert -0.30 <= k1.min() < -0.28
+    assert 0.03 < k1.max() <= 0.05
+    assert not any(lens.distortions[1:].any() for lens in lenses)
+    off = np.array([lens.matrix[:2, 2] for lens in lenses]) - np.array(PICTURE) / 2
+    assert np.abs(off).max() <= 0.01 * PICTURE[0]
+    assert np.abs(off).max() > 0.009 * PICTURE[0]
+
+
+@pytest.mark.parametrize("kind", [TYPICAL, VARIED, SHARED])
+def test_every_pixel_has_a_ray(kind):
+    width, height = PICTURE
+    corners = np.array([(0, 0), (width, 0), (0, height), (width, height)], dtype=np.float64)
+    for lens in drawn_lenses(kind, 150):
+        rays = lens.bearings(corners)
+        assert np.isfinite(rays).all()
+        assert before_fold(lens, rays).all()
+
+
+def test_a_shared_lens_is_one_but_for_its_principal_point_and_no_lens_changes_cameras_and_people():
+    rig = simulate(SimulationOptions(seconds=0.4, lenses=SHARED, seed=3)).rig
+    first, *others = [camera.lens for camera in rig]
+    for lens in others:
+        assert lens.focal == first.focal
+        assert lens.distortions.tolist() == first.distortions.tolist()
+        assert lens.matrix[:2, 2].tolist() != first.matrix[:2, 2].tolist()
+    another = simulate(SimulationOptions(seconds=0.4, lenses=SHARED, seed=4)).rig
+    assert another["C1"].lens.focal != first.focal
+    typical, varied = (simulate(SimulationOptions(seconds=1.0, lenses=kind)) for kind in (TYPICAL, VARIED))
+    np.testing.assert_array_equal(typical.joints3d, varied.joints3d)
+    for a, b in zip(typical.rig, varied.rig, strict=True):
+        np.testing.assert_array_equal(a.centre, b.centre)
+        assert a.lens.focal != b.lens.focal
+
+
+def test_the_fold_is_where_the_image_radius_is_largest_and_beyond_it_no_person_is_seen():
+    def lens(focal, *distortions, fisheye=False):
+        return Lens(PICTURE, np.diag([focal, focal, 1.0]), np.array([*distortions, 0.0, 0.0]), fisheye)
+
+    radii = np.linspace(0, 4, 40001)
+    image = radii * (1 - 0.2 * radii**2 + 0.01 * radii**4)
+    assert fold_radius(lens(1000.0, -0.2, 0.01)) == pytest.approx(radii[np.argmax(np.diff(image) < 0)], abs=1e-3)
+    for never in (drawn_lenses(TYPICAL, 1)[0], lens(1000.0, 0.1, 0.0), lens(300.0, -0.1, 0.0, fisheye=True)):
+        assert fold_radius(never) == np.inf
+    # A lens of one negative coefficient shows what is far aside in the middle of the image, which no real lens does.
+    lens = Lens(PICTURE, np.array([[640.0, 0, 640], [0, 640.0, 360], [0, 0, 1]]), np.array([-0.1, 0.0, 0.0, 0.0]))
+    camera = Camera("C1", lens, Pose(np.eye(3), np.zeros(3)))
+    aside, ahead, behind = [[3.1, 0.0, 1.0]], [[1.0, 0.0, 1.0]], [[0.0, 0.0, -1.0]]
+    ghost = camera.project(np.array(aside))[0]
+    assert 0 < ghost[0] < PICTURE[0]
+    assert find_whole_in_view(camera, np.array([aside, ahead, behind])).tolist() == [False, True, False]

@@ -22,7 +22,7 @@ COVARIANCE = RigCovariance(
 )  # fmt: skip
 
 
-def told(
+def notices(
     monkeypatch: pytest.MonkeyPatch,
     agreeing: tuple[int, ...] = (480, 480, 480),
     *,
@@ -43,18 +43,15 @@ def told(
 
 
 def test_what_is_wrong_with_a_camera_the_boxes_the_ground_or_the_adjustment(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert told(monkeypatch) == []
-    (few,) = told(monkeypatch, agreeing=(480, 480, 12))
+    assert notices(monkeypatch) == []
+    (few,) = notices(monkeypatch, agreeing=(480, 480, 12))
     assert (few.code, few.cameras, few.values) == ("few_observations", ("C3",), {"agreeing": 12})
-    found = told(monkeypatch, noise=0.31, converged=False, ground_sd_m=0.05)
+    found = notices(monkeypatch, noise=0.31, converged=False, ground_sd_m=0.05)
     assert [(one.code, one.cameras, one.values) for one in found] == [
         ("ground_by_hips", (), {"sigma_m": 0.05, "by": "hips", "up": ["trunks"], "scale": []}),
         ("boxes_noisy", (), {"noise_percent": pytest.approx(31.0)}),
         ("adjustment_not_converged", (), {}),
     ]
-
-
-def test_groups_that_nobody_joins_are_told_each_with_the_main_one() -> None:
     found = findings.find_separate_groups(RIG, [[0], [1], [2]])
     assert [(one.code, one.cameras, one.values) for one in found] == [
         ("cameras_disconnected", ("C2",), {"main": ["C1"]}),

@@ -6,20 +6,9 @@ import scipy.optimize
 
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import Observations
+from passerby.solver import focal_search
 from passerby.solver.evidence import gather_evidence
-from passerby.solver.focal_search import (
-    _FARTHEST_M,
-    _FLOOR_M,
-    _NOWHERE,
-    _SHARE,
-    FOUND_SD,
-    _Grounds,
-    _misfit,
-    pair_costs,
-    search_focals,
-)
 from passerby.solver.lens_unknowns import LENS_PARTS, LensUnknowns
-from passerby.solver.pairs import MIN_MATCHES
 from support.scenes.people_and_rigs import observe, ring
 
 TURN, SHIFT = np.exp(2.3j), 17.0 - 9.0j
@@ -31,11 +20,11 @@ def places(rng: np.random.Generator, count: int = 150) -> np.ndarray:
 
 
 def misfit(x: np.ndarray, y: np.ndarray) -> float:
-    return _misfit(x, y, *np.random.default_rng(0).integers(len(x), size=(2, 300)))
+    return focal_search._misfit(x, y, *np.random.default_rng(0).integers(len(x), size=(2, 300)))
 
 
 def sigma(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return np.asarray(np.hypot(_FLOOR_M + _SHARE * np.abs(x), _FLOOR_M + _SHARE * np.abs(y)))
+    return np.hypot(*(focal_search._FLOOR_M + focal_search._SHARE * np.abs(z) for z in (x, y)))
 
 
 @pytest.mark.parametrize("wrong", [15, 75])
@@ -66,14 +55,13 @@ def test_a_minority_that_agrees_on_another_way_does_not_win() -> None:
 
 
 def test_places_that_are_nowhere_cost_as_much_as_those_that_miss_by_far() -> None:
+    """Where few are somewhere, all of them cost as much."""
     x = places(np.random.default_rng(3), 40)
     y = TURN * x + SHIFT
-    y[:5], x[5:8] = np.nan, 1.01 * _FARTHEST_M
-    assert misfit(x, y) == pytest.approx(8 * _NOWHERE)
-    few = np.where(np.arange(40) < MIN_MATCHES - 1, x[::-1], np.nan)
-    assert misfit(few, y[::-1]) == pytest.approx(40 * _NOWHERE)
-    enough = np.where(np.arange(40) < MIN_MATCHES, x[::-1], np.nan)
-    assert misfit(enough, y[::-1]) == pytest.approx((40 - MIN_MATCHES) * _NOWHERE)
+    y[:5], x[5:8] = np.nan, 1.01 * focal_search._FARTHEST_M
+    assert misfit(x, y) == pytest.approx(8 * focal_search._NOWHERE)
+    for somewhere, cost in ((3, 40 * focal_search._NOWHERE), (30, 10 * focal_search._NOWHERE)):
+        assert misfit(np.where(np.arange(40) < somewhere, x[::-1], np.nan), y[::-1]) == pytest.approx(cost)
 
 
 def test_every_two_focal_lengths_are_compared_by_the_people_that_both_saw() -> None:
@@ -82,24 +70,25 @@ def test_every_two_focal_lengths_are_compared_by_the_people_that_both_saw() -> N
     x = places(rng, 60)
     order = rng.permutation(60)
     y = (TURN * x + SHIFT)[order]
-    one = _Grounds(np.array([-0.2, 0.0, 0.2]), [x * np.exp(0.3), x, None])
-    other = _Grounds(np.array([0.0, 0.3, 0.4]), [y, y.real * 1.6 + 1j * y.imag, np.conj(y)])  # a mirror image is no turn
-    cost = pair_costs(one, other, order, np.arange(60), rng)
+    one = focal_search._Grounds(np.array([-0.2, 0.0, 0.2]), [x * np.exp(0.3), x, None])
+    squeezed, mirrored = y.real * 1.6 + 1j * y.imag, np.conj(y)
+    other = focal_search._Grounds(np.array([0.0, 0.3, 0.4]), [y, squeezed, mirrored])
+    cost = focal_search.pair_costs(one, other, order, np.arange(60), rng)
     assert cost.shape == (3, 3)
     assert cost[1, 0] == pytest.approx(0.0, abs=1e-9)
     assert (cost[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]] > 5).all()
-    assert cost[2] == pytest.approx(60 * _NOWHERE)
+    assert cost[2] == pytest.approx(60 * focal_search._NOWHERE)
 
 
 def test_cameras_that_share_too_few_people_keep_their_guesses() -> None:
     rng = np.random.default_rng(6)
     true = Rig(ring(5).cameras[:2])
     stated = Rig(tuple(Camera(camera.name, Lens.unknown(camera.lens.size)) for camera in true))
-    for count, searched in ((MIN_MATCHES - 1, False), (MIN_MATCHES, True)):
+    for count, searched in ((3, False), (40, True)):
         ground = rng.uniform(-1.5, 1.5, (count, 2))
         seen = observe(true, ground, np.full(count, 1.72), np.arange(count), np.zeros(count, int))
         evidence = gather_evidence(stated, Observations(seen), rng)
         assert len(evidence.sightings) == 2 * count
-        found = search_focals(evidence, stated, LensUnknowns(LENS_PARTS), 1.72, rng)
-        assert [camera.lens.start_sd == FOUND_SD for camera in found] == [searched] * 2
+        found = focal_search.search_focals(evidence, stated, LensUnknowns(LENS_PARTS), 1.72, rng)
+        assert [camera.lens.start_sd == focal_search.FOUND_SD for camera in found] == [searched] * 2
         assert [camera.lens is before.lens for camera, before in zip(found, stated, strict=True)] == [not searched] * 2

@@ -10,7 +10,6 @@ from passerby.core.observations import Observations
 from passerby.geometry.rotations import angle_between, direction_angle
 from passerby.geometry.single_view import Level
 from passerby.geometry.two_view import PairHypothesis
-from passerby.solver import pairs
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.initialisation import level_of
 from passerby.solver.pairs import body_lengths, compared_pairs, pair_hypotheses, shared_rows
@@ -30,9 +29,15 @@ def seen_poles(rig: Rig, ground: np.ndarray, heights: float | np.ndarray = BODY)
     return gather_evidence(rig, Observations(seen), np.random.default_rng(0))
 
 
-def hypotheses(rig: Rig, evidence: Evidence, person_height_m: float = BODY) -> list[PairHypothesis]:
-    levels = [level_of(evidence, c, person_height_m, np.random.default_rng(0)) for c in range(len(rig))]
+def levels_of(evidence: Evidence, person_height_m: float = BODY) -> list[Level | None]:
+    return [level_of(evidence, c, person_height_m, np.random.default_rng(0)) for c in range(evidence.n_cameras)]
+
+
+def hypotheses(
+    rig: Rig, evidence: Evidence, person_height_m: float = BODY, levels: list[Level | None] | None = None
+) -> list[PairHypothesis]:
     focal = np.array([camera.lens.focal for camera in rig])
+    levels = levels or levels_of(evidence, person_height_m)
     return pair_hypotheses(evidence, levels, focal, person_height_m, np.random.default_rng(0))
 
 
@@ -53,20 +58,16 @@ def errors(rig: Rig, h: PairHypothesis) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize("route", ["ground", "epipolar"])
-def test_poles_without_noise_give_the_pose(route: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not exactly: towards the sides of the picture poles lean, boxes do not. Measured 2.1 degrees, 1 %. Few trials do: of the
-    ground route any two people who are apart give the pose.
-    """
+def test_poles_without_noise_give_the_pose(route: str) -> None:
+    """Not exactly: towards the sides of the picture poles lean, boxes do not. Measured 2.1 degrees, 1 %."""
     rig = ring(3)
-    for trials in (pairs._GROUND_TRIALS, 8):
-        monkeypatch.setattr(pairs, "_GROUND_TRIALS", trials)
-        found = [h for h in hypotheses(rig, seen_poles(rig, SCATTERED)) if h.route == route]
-        assert [(h.a, h.b) for h in found] == THREE
-        for h in found:
-            turn, direction, length = errors(rig, h)
-            assert max(turn, direction) < 3
-            assert length == pytest.approx(1, abs=0.03)
-            assert h.inliers == h.matches
+    found = [h for h in hypotheses(rig, seen_poles(rig, SCATTERED)) if h.route == route]
+    assert [(h.a, h.b) for h in found] == THREE
+    for h in found:
+        turn, direction, length = errors(rig, h)
+        assert max(turn, direction) < 3
+        assert length == pytest.approx(1, abs=0.03)
+        assert h.inliers == h.matches
 
 
 @thinned(("preset", "route"), [(p, r) for p in ("terrace", "construction") for r in ("ground", "epipolar")], quick=2)
@@ -83,7 +84,7 @@ def test_both_routes_come_near_the_truth(preset: str, route: str) -> None:
 
 
 @pytest.mark.slow
-def test_joints_are_a_route_of_their_own() -> None:
+def test_joints_are_a_route_of_their_own_and_the_baseline_goes_with_the_height_of_people() -> None:
     rig, every = found_in("terrace", keypoints=True, joint_noise_px=2.0)
     found = [h for h in every if h.route == "joints"]
     assert [(h.a, h.b) for h in found] == PAIRS
@@ -91,6 +92,10 @@ def test_joints_are_a_route_of_their_own() -> None:
     # Measured: 0.53 and 0.24 degrees, 3 %.
     assert (result[:, :2].max(axis=0) < (1.0, 0.5)).all(), result
     assert np.abs(result[:, 2] - 1).max() < 0.06, result
+    truth = simulated("terrace", seconds=15.0)
+    evidence = gather_evidence(truth.rig, part(truth.observations), np.random.default_rng(0))
+    for a, b in zip(*(hypotheses(truth.rig, evidence, height) for height in (1.6, 1.8)), strict=True):
+        assert np.linalg.norm(b.t_ba) / np.linalg.norm(a.t_ba) == pytest.approx(1.8 / 1.6, rel=0.02)
 
 
 def test_whole_people_beside_joints_tell_the_length_of_the_baseline() -> None:
@@ -110,15 +115,6 @@ def test_swapped_identities_are_borne_by_some_route_of_every_pair() -> None:
         assert min(turn for turn, _, _ in result) < 5, (a, b, result)  # measured 3.0
 
 
-@pytest.mark.slow
-def test_the_baseline_goes_with_the_height_of_people() -> None:
-    truth = simulated("terrace", seconds=15.0)
-    evidence = gather_evidence(truth.rig, part(truth.observations), np.random.default_rng(0))
-    short, tall = hypotheses(truth.rig, evidence, 1.6), hypotheses(truth.rig, evidence, 1.8)
-    for a, b in zip(short, tall, strict=True):
-        assert np.linalg.norm(b.t_ba) / np.linalg.norm(a.t_ba) == pytest.approx(1.8 / 1.6, rel=0.02)
-
-
 def test_too_few_common_people_are_no_hypothesis_and_those_on_one_spot_none_by_the_ground() -> None:
     rng, rig = np.random.default_rng(1), ring(2)
     assert hypotheses(rig, seen_poles(rig, rng.uniform(-1, 1, (7, 2)))) == []
@@ -130,14 +126,8 @@ def test_the_ground_route_turns_one_vertical_into_the_other() -> None:
     """A motion of the plane: a rotation that keeps up as both levels have it, and a drop by the difference of their heights."""
     rig = ring(3)
     evidence = seen_poles(rig, SCATTERED)
-    levels = [level_of(evidence, c, BODY, np.random.default_rng(0)) for c in range(3)]
-    focal = np.array([camera.lens.focal for camera in rig])
-
-    def by_route(levels: list[Level | None], route: str) -> list[PairHypothesis]:
-        found = pair_hypotheses(evidence, levels, focal, BODY, np.random.default_rng(0))
-        return [h for h in found if h.route == route]
-
-    found = by_route(levels, "ground")
+    levels = levels_of(evidence)
+    found = [h for h in hypotheses(rig, evidence, levels=levels) if h.route == "ground"]
     assert len(found) == 3
     for h in found:
         a, b = levels[h.a], levels[h.b]
@@ -146,9 +136,9 @@ def test_the_ground_route_turns_one_vertical_into_the_other() -> None:
         assert h.t_ba @ b.up == pytest.approx(a.height - b.height)
     # A camera that could not be levelled has no part in it, whichever it is of a pair; the epipolar route needs no level.
     for lost in ({0}, {1}, {2}, {0, 1, 2}):
-        some = [None if c in lost else level for c, level in enumerate(levels)]
-        assert [(h.a, h.b) for h in by_route(some, "ground")] == [pair for pair in THREE if not lost & {*pair}]
-        assert [(h.a, h.b) for h in by_route(some, "epipolar")] == THREE
+        some = hypotheses(rig, evidence, levels=[None if c in lost else level for c, level in enumerate(levels)])
+        assert [(h.a, h.b) for h in some if h.route == "ground"] == [pair for pair in THREE if not lost & {*pair}]
+        assert [(h.a, h.b) for h in some if h.route == "epipolar"] == THREE
 
 
 def test_body_lengths_are_those_of_standing_people() -> None:
@@ -163,17 +153,14 @@ def test_body_lengths_are_those_of_standing_people() -> None:
     assert few is None
 
 
-def test_small_rigs_compare_all_pairs_and_large_ones_those_that_share_most() -> None:
+def test_small_rigs_compare_all_pairs_and_large_ones_those_that_share_most_and_weak_links_between_halls() -> None:
+    """Each of two halls has more cameras than a camera has partners: what joins them is not among the partners of any."""
     assert len(compared_pairs(np.zeros((12, 12), np.int64))) == 66
     n = 40
     near = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :])
-    everybody = compared_pairs(np.where(near > 0, 1000 - near, 0))
-    assert len(everybody) <= 13 * n
-    assert {(k, k + 1) for k in range(n - 1)} <= set(everybody)
-
-
-def test_a_weak_link_between_halls_is_compared() -> None:
-    """Each of two halls has more cameras than a camera has partners: what joins them is not among the partners of anybody."""
+    compared = compared_pairs(np.where(near > 0, 1000 - near, 0))
+    assert len(compared) <= 13 * n
+    assert {(k, k + 1) for k in range(n - 1)} <= set(compared)
     hall = np.arange(40) // 20
     shared = np.where(hall[:, None] == hall[None, :], 900, 0)
     for a, b in ((3, 25), (7, 31)):

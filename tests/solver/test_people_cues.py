@@ -32,21 +32,18 @@ def paths(speeds: list[float], *, seconds: int = 30, scale: float = 1.0) -> tupl
     return np.concatenate(keys)[order].astype(float), np.concatenate(places)[order]
 
 
-def by_walking(speeds: list[float], scale: float = 1.0) -> tuple[float, float]:
-    return scale_by_walking(walking_speeds(*paths(speeds, scale=scale), FPS), 10 * FPS)
+def by_walking(speeds: list[float], scale: float = 1.0, seconds: int = 30) -> tuple[float, float]:
+    return scale_by_walking(walking_speeds(*paths(speeds, scale=scale, seconds=seconds), FPS), 10 * FPS)
 
 
 def test_speeds_are_metres_per_second_of_people_in_motion() -> None:
+    """Nothing is known of people who stand, or without a frame rate, or of a moment."""
     speeds = walking_speeds(*paths([1.2, 0.1, 0.9]), FPS)
     assert [len(own) for own in speeds] == [140, 140]
     assert [float(np.median(own)) for own in speeds] == pytest.approx([1.2, 0.9])
-
-
-def test_nothing_is_known_of_people_who_stand_or_without_a_frame_rate_or_for_a_moment() -> None:
-    assert walking_speeds(*paths([0.1, 0.0, 0.2]), FPS) == []
-    assert walking_speeds(*paths([2.0, 2.1]), None) == []
-    assert walking_speeds(*paths([1.2], seconds=2), FPS) == []
-    assert walking_speeds(np.zeros((0, 2)), np.zeros((0, 3)), FPS) == []
+    nothing = (paths([0.1, 0.0, 0.2]), FPS), (paths([2.0, 2.1]), None), (paths([1.2], seconds=2), FPS)
+    for seen, fps in (*nothing, ((np.zeros((0, 2)), np.zeros((0, 3))), FPS)):
+        assert walking_speeds(*seen, fps) == []
 
 
 def test_places_that_another_person_has_spoilt_make_no_person_fast() -> None:
@@ -59,13 +56,10 @@ def test_places_that_another_person_has_spoilt_make_no_person_fast() -> None:
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
-def test_walkers_give_the_scale_to_a_sixth(scale: float) -> None:
+def test_walkers_give_the_scale_to_a_sixth_and_few_people_say_less(scale: float) -> None:
     log_scale, sigma = by_walking(WALKERS, scale)
     assert log_scale + np.log(scale) == pytest.approx(0, abs=0.1)
     assert 0.12 < sigma < 0.2
-
-
-def test_few_people_say_less() -> None:
     assert by_walking([1.0])[1] > 1.4 * by_walking(WALKERS)[1]
 
 
@@ -75,14 +69,12 @@ def test_few_people_say_less() -> None:
 )
 def test_the_speeds_that_people_can_have_contradict_no_scale(speeds: list[float], seconds: int) -> None:
     """A few may all run for a few seconds."""
-    log_scale, sigma = scale_by_walking(walking_speeds(*paths(speeds, seconds=seconds), FPS), 10 * FPS)
+    log_scale, sigma = by_walking(speeds, seconds=seconds)
     assert abs(log_scale) < 3 * sigma
 
 
 LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]]), np.zeros(4))
 SPOTS = ((-9.0, -8.0, 3.1), (9.0, -7.0, 2.7))
-
-
 RIG = Rig(tuple(Camera(f"C{n}", LENS, looking_at(spot, (0.0, 0.0, 0.9))) for n, spot in enumerate(SPOTS, start=1)))
 
 
@@ -105,11 +97,16 @@ def placed(count: int = 50) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([np.arange(1, count + 1), np.ones(count)]), places
 
 
-def test_widths_are_in_metres_at_the_people() -> None:
+@pytest.mark.parametrize(("width_m", "log_scale"), [(0.6, 0.0), (1.2, -np.log(2)), (0.3, np.log(2))])
+def test_widths_are_in_metres_at_the_people_and_estimates_of_the_scale(width_m: float, log_scale: float) -> None:
     keys, places = placed()
-    (widths,) = body_widths(RIG, boxed(RIG, places, 0.6), keys, places)
+    (widths,) = body_widths(RIG, boxed(RIG, places, width_m), keys, places)
     assert len(widths) == 2 * len(places)
-    np.testing.assert_allclose(widths, 0.6, rtol=0.01)
+    np.testing.assert_allclose(widths, width_m, rtol=0.01)
+    (cue,) = people_cues(RIG, boxed(RIG, places, width_m))
+    assert (cue.kind, cue.share) == ("body_width", 0.0)
+    assert np.log(cue.own_scale) == pytest.approx(log_scale, abs=0.03)
+    assert cue.measured_m == pytest.approx(width_m, rel=0.03)
 
 
 def test_boxes_at_the_border_and_of_people_that_were_not_placed_have_no_width() -> None:
@@ -121,15 +118,6 @@ def test_boxes_at_the_border_and_of_people_that_were_not_placed_have_no_width() 
     assert body_widths(RIG, wide, np.zeros((0, 2)), np.zeros((0, 3))) == []
     for seen in (boxed(RIG, places, 1.2, identity=7), cut):
         assert body_widths(RIG, seen, keys, places) == []
-
-
-@pytest.mark.parametrize(("width_m", "log_scale"), [(0.6, 0.0), (1.2, -np.log(2)), (0.3, np.log(2))])
-def test_a_width_is_an_estimate_of_the_scale(width_m: float, log_scale: float) -> None:
-    _, places = placed()
-    (cue,) = people_cues(RIG, boxed(RIG, places, width_m))
-    assert (cue.kind, cue.share) == ("body_width", 0.0)
-    assert np.log(cue.own_scale) == pytest.approx(log_scale, abs=0.03)
-    assert cue.measured_m == pytest.approx(width_m, rel=0.03)
 
 
 TRUTH = simulate(SimulationOptions(seed=861, seconds=60.0, people=6, box_noise=0.02))
@@ -152,9 +140,12 @@ def length(factor: float) -> CueFigures:
     return replace(HEIGHTS, cue="length 1", kind="length", count=None, own_scale=factor, own_sigma=0.01)
 
 
-def test_people_agree_with_a_rig_of_their_own_heights() -> None:
+def test_people_agree_with_their_own_heights_and_a_length_under_which_they_are_giants_or_dwarfs_is_named() -> None:
     assert contradictions() == []
     assert contradictions(1.0, 1.0, length(1.02)) == []
+    for factor in (1.75, 0.5):
+        (found,) = contradictions(1.0, 1.0, length(factor))
+        assert (found.code, found.severity, found.values["cues"]) == ("scale_cues_disagree", "doubt", ["length 1"])
 
 
 @pytest.mark.parametrize("scale", [1.7, 2.2])
@@ -168,12 +159,5 @@ def test_heights_that_walking_speed_and_width_both_contradict_are_named(scale: f
 @pytest.mark.parametrize("fps", [0.4, 3.0])
 def test_a_wrong_frame_rate_is_named_as_the_cause(fps: float) -> None:
     (found,) = contradictions(1.0, fps)
-    kinds = found.values["kinds"]
-    assert "walking_speed" in kinds
+    assert "walking_speed" in found.values["kinds"]
     assert "frame rate, which may be wrong" in texts_of([found])[0]
-
-
-@pytest.mark.parametrize("factor", [1.75, 0.5])
-def test_a_length_under_which_people_are_giants_or_dwarfs_is_named(factor: float) -> None:
-    (found,) = contradictions(1.0, 1.0, length(factor))
-    assert (found.code, found.severity, found.values["cues"]) == ("scale_cues_disagree", "doubt", ["length 1"])

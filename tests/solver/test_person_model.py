@@ -163,9 +163,7 @@ def test_residuals_follow_a_lens_exactly_however_large_they_are(lens_case):
 
 
 def test_the_noise_of_joints_moves_no_lens():
-    """Joints of a room seen with 2 px of noise: the optimum is off by its own sigmas. Residuals that are linear around the
-    rays of noisy pixels bias focal lengths.
-    """
+    """With 2 px of noise the optimum is off by its own sigmas. Residuals linear around noisy rays bias focal lengths."""
     rng, n, every = np.random.default_rng(5), 4000, LensUnknowns(LENS_PARTS)
     wide = Lens((1280, 720), np.array([[600.0, 0, 640], [0, 600.0, 360], [0, 0, 1]]), np.zeros(4))
     stated = Rig(tuple(Camera(name, wide) for name in NAMES))
@@ -175,9 +173,9 @@ def test_the_noise_of_joints_moves_no_lens():
     bearing = wide.bearings(wide.project_rays(d) + 2 * rng.standard_normal((len(d), 2)))
     joints = PointObservations(camera, point, bearing, wide.tangents(bearing), np.full(len(d), 2.0))
     joints = every.points(joints, stated, np.zeros((3, every.size)))
-    nobody = Sightings(*(np.zeros(0, np.int64) for _ in range(3)))
+    unseen = Sightings(*(np.zeros(0, np.int64) for _ in range(3)))
     problem = PeopleProblem(
-        3, nobody, joints, np.zeros(0, np.int64), n, np.ones(0), np.ones(0), np.zeros(0), lens_normal=True,
+        3, unseen, joints, np.zeros(0, np.int64), n, np.ones(0), np.ones(0), np.zeros(0), lens_normal=True,
         lens_core=np.tile([0.3, 25.0, 25.0, 0.3], (3, 1)), lens_model=LensModel(every, stated),
     )  # fmt: skip
     lens = np.zeros((3, every.size))

@@ -1,4 +1,4 @@
-"""Checkpoints, options and backbones that are not what they should be are told of in one line."""
+"""Checkpoints come back as they were kept; checkpoints, options and backbones that cannot be are refused in one line."""
 
 import zipfile
 
@@ -41,19 +41,6 @@ def test_what_was_kept_comes_back(network, kept):
         assert torch.equal(found.restored().eval()(pictures).logits, network(pictures).logits)
 
 
-def test_there_is_none(tmp_path):
-    with pytest.raises(InputError, match=r"checkpoint.pt: no such file: the folder of a training, or its checkpoint.pt"):
-        load_checkpoint(tmp_path)
-
-
-def test_cut_short(kept):
-    content = kept.read_bytes()
-    for share in (0.0, 0.01, 0.5, 0.99):
-        kept.write_bytes(content[: int(share * len(content))])
-        with pytest.raises(InputError, match=r"checkpoint.pt: is not a checkpoint that can be read \(.*\): train again"):
-            load_checkpoint(kept)
-
-
 def test_of_a_later_version(kept, capsys):
     state = torch.load(kept, weights_only=True)
     torch.save({**state, "format": "passerby-reid-2"}, kept)
@@ -62,46 +49,29 @@ def test_of_a_later_version(kept, capsys):
     assert capsys.readouterr().err == said
 
 
-@pytest.mark.parametrize("content", [b"", b"\0" * 100, b"backbone = 'small'\n", b"\x80\x02}q\x00.", b"PK\x03\x04 and more"])
-def test_something_else(tmp_path, content):
-    (tmp_path / "checkpoint.pt").write_bytes(content)
-    with pytest.raises(InputError, match=r"checkpoint.pt: is no"):
-        load_checkpoint(tmp_path)
+def turned(content, place):
+    """One bit turned."""
+    return content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :]
 
 
-def test_a_bit_that_turned(kept):
-    """Wherever it lies: the weights are kept with sums that tell."""
+def test_what_is_no_checkpoint_that_can_be_read(kept):
+    """Cut short, of another kind, or with a bit that turned, wherever it lies: the weights are kept with sums."""
     content = kept.read_bytes()
     with zipfile.ZipFile(kept) as archive:
         largest = max(archive.infolist(), key=lambda one: one.file_size)
-    for place in (largest.header_offset + 2000, len(content) // 2):
-        kept.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
-        with pytest.raises(InputError, match="is not a checkpoint that can be read"):
+    spoilt = [content[: int(share * len(content))] for share in (0.0, 0.01, 0.5, 0.99)]
+    spoilt += [turned(content, place) for place in (largest.header_offset + 2000, len(content) // 2)]
+    for damaged in spoilt:
+        kept.write_bytes(damaged)
+        with pytest.raises(InputError, match=r"checkpoint.pt: is not a checkpoint that can be read \(.*\): train again"):
             load_checkpoint(kept)
-
-
-def rewritten(path, change):
-    state = torch.load(path, weights_only=True)
-    change(state)
-    torch.save(state, path)
-
-
-@pytest.mark.parametrize(
-    "key", ["epoch", "options", "architecture", "people", "data", "origin", "network", "optimizer"]
-)  # fmt: skip
-def test_a_part_is_missing(kept, key):
-    rewritten(kept, lambda state: state.pop(key))
-    with pytest.raises(InputError, match=f"checkpoint.pt: .*{key}"):
-        load_checkpoint(kept)
-
-
-def test_weights_of_other_software(kept):
-    torch.save({"state_dict": {}}, kept)
-    with pytest.raises(InputError, match=rf"is not a checkpoint of passerby reid train \({FORMAT}\)"):
-        load_checkpoint(kept)
-    torch.save([1, 2], kept)
-    with pytest.raises(InputError, match="is not a checkpoint of passerby reid train"):
-        load_checkpoint(kept)
+    for other in (b"", b"\0" * 100, b"backbone = 'small'\n", b"\x80\x02}q\x00.", b"PK\x03\x04 and more"):
+        kept.write_bytes(other)
+        with pytest.raises(InputError, match=r"checkpoint.pt: is no"):
+            load_checkpoint(kept)
+    kept.unlink()
+    with pytest.raises(InputError, match=r"checkpoint.pt: no such file: the folder of a training, or its checkpoint.pt"):
+        load_checkpoint(kept.parent)
 
 
 class Wish:
@@ -111,71 +81,70 @@ class Wish:
         return (open, ("/dev/null",))
 
 
-def test_a_file_that_would_run_something(kept):
-    torch.save({"format": FORMAT, "epoch": Wish()}, kept)
-    with pytest.raises(InputError, match="is not a checkpoint that can be read"):
-        load_checkpoint(kept)
+def without(*keys):
+    """A change of a state that takes a part of it away."""
+
+    def change(state):
+        for key in keys[:-1]:
+            state = state[key]
+        state.pop(keys[-1])
+
+    return change
 
 
-def test_options_of_another_time(kept):
-    rewritten(kept, lambda state: state["options"].update(pooling="largest"))
-    with pytest.raises(InputError, match=r"its options are not understood .*pooling"):
-        load_checkpoint(kept)
+PARTS = ("epoch", "options", "architecture", "people", "data", "origin", "network", "optimizer")
 
 
-def test_weights_that_do_not_fit(kept):
-    rewritten(kept, lambda state: state["network"].pop("neck.weight"))
-    with pytest.raises(InputError, match=r"its weights do not fit its own description of the network .*neck.weight"):
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        *((without(key), f"checkpoint.pt: .*{key}") for key in PARTS),
+        (lambda state: {"state_dict": {}}, rf"is not a checkpoint of passerby reid train \({FORMAT}\)"),
+        (lambda state: [1, 2], "is not a checkpoint of passerby reid train"),
+        (lambda state: {"format": FORMAT, "epoch": Wish()}, "is not a checkpoint that can be read"),
+        (lambda state: state["options"].update(pooling="largest"), "its options are not understood .*pooling"),
+        (without("network", "neck.weight"), "its weights do not fit its own description of the network .*neck.weight"),
+    ],
+)
+def test_a_checkpoint_of_other_content_is_refused_and_runs_nothing(kept, change, why):
+    state = torch.load(kept, weights_only=True)
+    torch.save(change(state) or state, kept)
+    with pytest.raises(InputError, match=why):
         load_checkpoint(kept).restored()
 
 
-# Backbones.
-
-
-def test_small_has_no_published_weights():
-    with pytest.raises(InputError, match=r"backbone small: no published weights .*weights = random"):
-        open_backbone("small", SIZE, "published")
-    opened = open_backbone("small", SIZE, "auto")
-    assert not opened.published
-    assert "none are published" in opened.note
-
-
-def test_a_folder_that_is_called_like_a_backbone(tmp_path, monkeypatch):
-    """Such as that of a run: `-o small`."""
+def test_backbones_without_published_weights(tmp_path, monkeypatch):
+    """Also where there is a folder that is called like one, such as that of a run: `-o small`."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "small").mkdir()
-    with pytest.raises(InputError, match="no published weights"):
-        open_backbone("small", SIZE, "published")
-    assert "none are published" in open_backbone("small", SIZE, "auto").note
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"backbone small: no published weights .*weights = random"):
+            open_backbone("small", SIZE, "published")
+        opened = open_backbone("small", SIZE, "auto")
+        assert (opened.published, "none are published" in opened.note) == (False, True)
+        (tmp_path / "small").mkdir(exist_ok=True)
 
 
-@pytest.mark.parametrize("name", ["resnet-51", "resnet50", "", "small "])
-def test_a_backbone_that_does_not_exist(name):
-    with pytest.raises(InputError, match=f"backbone {name}: is not one of small, resnet-18, .*no model of this name"):
-        open_backbone(name, SIZE, "random")
+@pytest.mark.parametrize(
+    ("name", "stride", "why"),
+    [
+        *((name, 1, f"backbone {name}: is not one of small, resnet-18, .*no model of this name")
+          for name in ("resnet-51", "resnet50", "", "small ")),
+        ("mobilenet_v2", 1, "backbone mobilenet_v2: only a resnet has a last stride to set: give last_stride = 2"),
+        ("bert", 2, "backbone bert: does not turn an image of 16x32 pixels into features"),
+    ],
+)  # fmt: skip
+def test_backbones_that_cannot_be(name, stride, why):
+    with pytest.raises(InputError, match=why):
+        open_backbone(name, SIZE, "random", stride)
 
 
-def test_a_last_stride_that_cannot_be_set():
-    with pytest.raises(InputError, match="backbone mobilenet_v2: only a resnet has a last stride to set: give last_stride = 2"):
-        open_backbone("mobilenet_v2", SIZE, "random", 1)
+def test_backbones_and_their_last_stride():
     assert open_backbone("mobilenet_v2", SIZE, "random", 2).channels == 1280
-
-
-def test_pictures_that_a_backbone_does_not_take():
-    with pytest.raises(InputError, match="backbone bert: does not turn an image of 16x32 pixels into features"):
-        open_backbone("bert", SIZE, "random", 2)
-
-
-@pytest.mark.parametrize(("stride", "rows"), [(1, 4), (2, 2)])
-def test_the_last_stride(stride, rows):
-    features = open_backbone("small", (64, 32), "random", stride).network(torch.zeros(1, 3, 64, 32)).last_hidden_state
-    assert features.shape[2:] == (rows, rows // 2)
-
-
-def test_small_is_small():
-    assert sum(value.numel() for value in open_backbone("small", (128, 64), "random", 1).network.parameters()) == pytest.approx(
-        1.2e6, rel=0.05
-    )
+    for stride, rows in ((1, 4), (2, 2)):
+        features = open_backbone("small", (64, 32), "random", stride).network(torch.zeros(1, 3, 64, 32)).last_hidden_state
+        assert features.shape[2:] == (rows, rows // 2)
+    small = open_backbone("small", (128, 64), "random", 1).network
+    assert sum(value.numel() for value in small.parameters()) == pytest.approx(1.2e6, rel=0.05)
     assert set(RESNETS) >= {"small", "resnet-18", "resnet-34", "resnet-50", "resnet-101", "resnet-152"}
 
 
@@ -189,20 +158,14 @@ def test_generalised_mean(network, monkeypatch):
     assert network.pooled(picture).item() == pytest.approx(1.5)
 
 
-# Options.
-
-
-def test_the_recipe_of_the_paper():
-    """Xu et al., CVPR 2021, section 3.1: ResNet-50, global average pooling, identity and triplet loss, nothing more."""
+def test_the_recipes():
+    """Of the paper: Xu et al., CVPR 2021, 3.1: ResNet-50, average pooling, identity and triplet loss, nothing more."""
     paper = train_options("paper")
     assert (paper.backbone, paper.pooling, paper.last_stride, paper.neck) == ("resnet-50", "average", 2, False)
     assert (paper.identity_weight, paper.triplet_weight, paper.margin, paper.label_smoothing) == (1, 1, 0.3, 0)
     assert (paper.flip, paper.shift, paper.erasing, paper.colour) == (0.5, 0, 0, 0)
     assert (paper.warm_up_epochs, paper.schedule) == (0, "constant")
     assert (paper.height, paper.width) == (256, 128)
-
-
-def test_the_other_recipes():
     strong, small = train_options("strong"), train_options("small")
     assert strong == TrainOptions()
     assert (strong.backbone, strong.neck, strong.last_stride, strong.label_smoothing) == ("resnet-50", True, 1, 0.1)
@@ -221,7 +184,7 @@ def test_what_is_chosen_stands_over_the_file_and_that_over_the_recipe(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "said"),
     [
         ("epoch = 5", "run.toml: unknown key epoch: there are backbone, "),
         ("epochs = 0", "run.toml: epochs = 0 is out of range: give a value from 1 to"),
@@ -232,7 +195,7 @@ def test_what_is_chosen_stands_over_the_file_and_that_over_the_recipe(tmp_path):
         ("people_per_batch = 1", "run.toml: people_per_batch = 1 is out of range"),
     ],
 )
-def test_options_that_are_none(tmp_path, text, told):
+def test_options_that_cannot_be(tmp_path, text, said):
     (tmp_path / "run.toml").write_text(text)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=said):
         train_options("small", tmp_path / "run.toml")

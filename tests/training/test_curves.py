@@ -16,7 +16,10 @@ def row(epoch, scored=False):
     return EpochRecord(epoch, 10 * epoch, 3.5e-4 / epoch, *losses, *scores)
 
 
-ROWS = [row(epoch, epoch % 2 == 0) for epoch in range(1, 6)]
+def filled(log, rows):
+    for one in rows:
+        log.append(one)
+    return log
 
 
 @pytest.fixture
@@ -24,10 +27,7 @@ def log(tmp_path):
     return filled(TrainingLog(tmp_path), ROWS)
 
 
-def filled(log, rows):
-    for one in rows:
-        log.append(one)
-    return log
+ROWS = [row(epoch, epoch % 2 == 0) for epoch in range(1, 6)]
 
 
 def test_rows_come_back_to_the_last_bit(log, tmp_path):
@@ -43,15 +43,12 @@ def test_rows_come_back_to_the_last_bit(log, tmp_path):
 
 def test_a_training_that_goes_on_leaves_the_same_bytes(log, tmp_path):
     again = filled(TrainingLog(tmp_path / "again"), ROWS[:4])
-    again.truncate_after(3)  # killed after epoch 4 was told of and before it was kept
+    again.truncate_after(3)  # killed after epoch 4 was written and before it was kept
     assert (again.rows(), filled(again, ROWS[3:]).path.read_bytes()) == (tuple(ROWS[:3]), log.path.read_bytes())
-
-
-def test_a_training_that_begins_anew_drops_the_old_one(log, tmp_path):
     with pytest.raises(InputError, match="has epoch 5 already, epoch 5 cannot follow"):
         log.append(row(5))
     log.truncate_after(0)
-    assert log.path.read_text() == ",".join(COLUMNS) + "\n"
+    assert log.path.read_text() == ",".join(COLUMNS) + "\n", "one that begins anew drops the old one"
     absent = TrainingLog(tmp_path / "none")
     absent.truncate_after(0)
     assert (absent.rows(), absent.path.exists()) == ((), False)

@@ -1,4 +1,4 @@
-"""Published data sets and folders per identity: recognised, read, and told about where something is wrong."""
+"""Published data sets and folders per identity: recognised, read, and what is wrong in them is named."""
 
 import shutil
 from pathlib import Path
@@ -12,7 +12,7 @@ from passerby.training.data import read_all, read_data
 from support.datasets.pictures_of_people import market, msmt17, picture, pictures
 
 
-def told(crops):
+def listed(crops):
     """(file, person, camera) of each picture, the names without the set's."""
     people = (*(name.split("/")[-1] for name in crops.people), DISTRACTOR, JUNK)
     cameras = [name.split("/")[-1] for name in crops.cameras]
@@ -20,18 +20,26 @@ def told(crops):
     return sorted(((path.name, people[person], cameras[camera]) for path, person, camera in rows), key=str)
 
 
-def test_market(tmp_path):
+def without(folder, *parts):
+    """What is left of a set where some files or folders are removed."""
+    for part in parts:
+        shutil.rmtree(folder / part) if (folder / part).is_dir() else (folder / part).unlink()
+
+
+def emptied(folder):
+    without(market(folder), *(file.relative_to(folder) for file in (folder / "query").iterdir()))
+
+
+def test_market_and_duke(tmp_path):
     data = read_data(market(tmp_path / "market1501"), tmp_path / "cache")
     assert (data.name, data.train.people) == ("market1501", ("market1501/0002", "market1501/0007"))
     assert data.train.cameras == ("market1501/c1", "market1501/c2", "market1501/c3")
-    assert told(data.train) == [
-        ("0002_c1s1_000451_03.jpg", "0002", "c1"),
-        ("0002_c2s1_000500_01.jpg", "0002", "c2"),
-        ("0007_c1s1_000451_01.jpg", "0007", "c1"),
-        ("0007_c3s2_000451_01.jpg", "0007", "c3"),
-    ]
-    assert told(data.query) == [("0001_c1s1_001051_00.jpg", "0001", "c1"), ("0003_c2s1_001051_00.jpg", "0003", "c2")]
-    assert told(data.gallery) == [
+    assert [" ".join(one) for one in listed(data.train)] == [
+        "0002_c1s1_000451_03.jpg 0002 c1", "0002_c2s1_000500_01.jpg 0002 c2", "0007_c1s1_000451_01.jpg 0007 c1",
+        "0007_c3s2_000451_01.jpg 0007 c3",
+    ]  # fmt: skip
+    assert listed(data.query) == [("0001_c1s1_001051_00.jpg", "0001", "c1"), ("0003_c2s1_001051_00.jpg", "0003", "c2")]
+    assert listed(data.gallery) == [
         ("-1_c1s1_000401_03.jpg", JUNK, "c1"),
         ("0000_c4s1_000401_03.jpg", DISTRACTOR, "c4"),
         ("0001_c2s1_001976_01.jpg", "0001", "c2"),
@@ -39,19 +47,14 @@ def test_market(tmp_path):
         ("0003_c2s1_000077_01.jpg", "0003", "c2"),
     ]
     assert data.query.people == data.gallery.people
-    assert data.train.apart is None
-    assert data.notes == ()
-    assert not (tmp_path / "cache").exists()
-
-
-def test_duke(tmp_path):
+    assert (data.train.apart, data.notes, (tmp_path / "cache").exists()) == (None, (), False)
     duke = tmp_path / "DukeMTMC-reID"
     pictures(duke / "bounding_box_train", "0001_c2_f0046182.jpg 0001_c5_f0051341.jpg")
     pictures(duke / "query", "0005_c2_f0046985.jpg")
     pictures(duke / "bounding_box_test", "0005_c7_f0051000.jpg 0008_c2_f0046985.jpg")
     data = read_data(duke, tmp_path)
-    assert told(data.gallery) == [("0005_c7_f0051000.jpg", "0005", "c7"), ("0008_c2_f0046985.jpg", "0008", "c2")]
-    assert told(data.train)[1] == ("0001_c5_f0051341.jpg", "0001", "c5")
+    assert listed(data.gallery) == [("0005_c7_f0051000.jpg", "0005", "c7"), ("0008_c2_f0046985.jpg", "0008", "c2")]
+    assert listed(data.train)[1] == ("0001_c5_f0051341.jpg", "0001", "c5")
 
 
 @pytest.mark.parametrize("folders", [("train", "test"), ("mask_train_v2", "mask_test_v2")])
@@ -59,9 +62,9 @@ def test_msmt17(tmp_path, folders):
     data = read_data(msmt17(tmp_path / "msmt17", *folders), tmp_path)
     # Train and val count the same people, query and gallery count others from 0 again.
     assert data.train.people == ("msmt17/train-0000", "msmt17/train-0001")
-    assert [camera for _, _, camera in told(data.train)] == ["01", "02", "14", "05"]
+    assert [camera for _, _, camera in listed(data.train)] == ["01", "02", "14", "05"]
     assert data.query.people == ("msmt17/test-0000",)
-    assert told(data.gallery) == [("0000_001_04_0303morning_0015_0.jpg", "test-0000", "04")]
+    assert listed(data.gallery) == [("0000_001_04_0303morning_0015_0.jpg", "test-0000", "04")]
     assert data.train.paths[0].parent.parent.name == folders[0]
 
 
@@ -73,17 +76,14 @@ def test_a_folder_per_identity_with_splits(tmp_path, splits):
     pictures(gallery, "004/02_1.png 012/02_1.png")
     pictures(gallery.parent / "all_imgs", "004/01_1.png 099/01_1.png")
     data = read_data(tmp_path / "set", tmp_path)
-    assert told(data.train) == [
-        ("01_1.png", "001", "01"),
-        ("01_1.png", "003", "01"),
-        ("02_1.png", "001", "02"),
-        ("02_7.jpg", "003", "02"),
-    ]
-    assert told(data.query) == [("01_1.png", "004", "01")]
-    assert (told(data.gallery), data.notes) == ([("02_1.png", "004", "02"), ("02_1.png", "012", "02")], ())
+    assert [" ".join(one) for one in listed(data.train)] == [
+        "01_1.png 001 01", "01_1.png 003 01", "02_1.png 001 02", "02_7.jpg 003 02",
+    ]  # fmt: skip
+    assert listed(data.query) == [("01_1.png", "004", "01")]
+    assert (listed(data.gallery), data.notes) == ([("02_1.png", "004", "02"), ("02_1.png", "012", "02")], ())
     alone = read_data(gallery.parent, tmp_path)
     assert len(alone.train) == (0 if "val" in splits[1] else 4)
-    assert told(alone.gallery) == told(data.gallery)
+    assert listed(alone.gallery) == listed(data.gallery)
 
 
 def test_a_flat_folder_per_identity_is_to_learn_from(tmp_path):
@@ -104,7 +104,7 @@ def test_a_flat_folder_per_identity_is_to_learn_from(tmp_path):
         "a/01_1.png a/02_1.png b/01_1.png b/01-1.png",  # not all of them
     ],
 )
-def test_names_that_tell_no_camera(tmp_path, names):
+def test_names_without_a_camera(tmp_path, names):
     data = read_data(pictures(tmp_path / "set", names), tmp_path)
     assert data.train.cameras == ("set/unknown-camera",)
     (note,) = data.notes
@@ -128,7 +128,7 @@ def test_bad_pictures_are_named_and_left_out(tmp_path):
     assert (unreadable.count(str(folder)), small) == (5, f"1 image that is too small: {folder / '2_3.png'}")
 
 
-def test_people_with_one_picture_are_not_learnt_from_and_those_both_learnt_from_and_searched_for_are_told(tmp_path):
+def test_people_with_one_picture_are_not_learnt_from_and_those_both_learnt_from_and_searched_for_are_named(tmp_path):
     pictures(tmp_path / "set", "a/1_1.png a/2_1.png b/1_1.png c/1_1.png c/2_1.png")
     (tmp_path / "set" / "c" / "2_1.png").write_bytes(b"")  # which leaves one
     (tmp_path / "set" / "empty").mkdir()
@@ -140,19 +140,9 @@ def test_people_with_one_picture_are_not_learnt_from_and_those_both_learnt_from_
     assert any("both train and query" in note for note in read_data(tmp_path / "both", tmp_path).notes)
 
 
-def without(folder, *parts):
-    """What is left of a set where some files or folders are removed."""
-    for part in parts:
-        shutil.rmtree(folder / part) if (folder / part).is_dir() else (folder / part).unlink()
-
-
-def emptied(folder):
-    without(market(folder), *(file.relative_to(folder) for file in (folder / "query").iterdir()))
-
-
-def of_nobody_in_the_gallery(folder):
+def of_others_in_the_gallery(folder):
     pictures(folder, "query/a/1_1.png gallery/b/2_1.png gallery/a/1_2.png query/c/1_1.png")
-    (folder / "gallery" / "nobody").mkdir()
+    (folder / "gallery" / "no-one").mkdir()
 
 
 def with_val(folder, number):
@@ -172,7 +162,7 @@ def of_bad_pictures(folder):
         (emptied, "set/query: holds no image named as"),
         (lambda folder: pictures(folder, "train/a/1_1.png train/a/2_1.png val/query/a/1_1.png"),
          "set/val/gallery: no such folder, but there is query"),
-        (of_nobody_in_the_gallery, "set: no person of the query is in the gallery, seen by another camera"),
+        (of_others_in_the_gallery, "set: no person of the query is in the gallery, seen by another camera"),
         (lambda folder: without(msmt17(folder), "list_gallery.txt"), "list_gallery.txt: no such file"),
         (lambda folder: with_val(folder, ""),
          "list_val.txt: line 1: '0000/0000_000_01_0303morning_0015_0.jpg' is not an image and a person"),
@@ -186,22 +176,19 @@ def of_bad_pictures(folder):
         (lambda folder: None, "set: no such folder: give Market-1501"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told(tmp_path, make, message):
+def test_what_is_wrong_is_named(tmp_path, make, message):
     make(tmp_path / "set")
     with pytest.raises(InputError, match=message):
         read_data(tmp_path / "set", tmp_path)
 
 
-def test_sets_of_one_name_do_not_collide(tmp_path):
+def test_sets_of_one_name_do_not_collide_and_one_set_twice_or_within_another_is_refused(tmp_path):
     paths = [market(tmp_path / place / "market") for place in ("a", "b", "a/data", "b/data")]
     first, second, third = read_all([*paths[:2], msmt17(tmp_path / "c" / "msmt17")], tmp_path / "cache")
     assert (first.name, second.name, third.name) == ("a/market", "b/market", "msmt17")
     together = mix_sets([first.train, second.train, third.train])
     assert (len(together.people), len(np.unique(together.person))) == (6, 6)
     assert [data.name for data in read_all(paths[2:], tmp_path)] == ["a/data/market", "b/data/market"]
-
-
-def test_one_set_twice_and_a_set_within_another(tmp_path):
     folder = market(tmp_path / "market")
     (tmp_path / "link").symlink_to(folder)
     for same in (tmp_path / "market" / ".." / "market", tmp_path / "link"):

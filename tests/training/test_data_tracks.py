@@ -12,7 +12,7 @@ from passerby.interchange.motchallenge import read_boxes
 from passerby.perception.crop_network import stretch_crop
 from passerby.perception.video import VideoReader
 from passerby.training.data import cutting, read_data
-from passerby.training.data.cutting import PER_PERSON, WantedCrops, cut_crops, find_clear_boxes, spread_rows
+from passerby.training.data.cutting import WantedCrops, cut_crops, find_clear_boxes, spread_rows
 from passerby.training.embedding import make_full_box
 from support.datasets.pictures_of_people import SIZE, film, picture, scene, tracks, two_walkers
 
@@ -45,7 +45,7 @@ def test_a_folder_of_videos_and_text(tmp_path, layout):
     train = data.train
     assert (train.people, train.cameras) == (("yard/4", "yard/5", "yard/9"), ("yard/C1", "yard/C2"))
     assert (train.apart, data.notes) == (None, ())
-    assert np.bincount(train.person).tolist() == [2 * PER_PERSON, PER_PERSON, PER_PERSON]
+    assert np.bincount(train.person).tolist() == [48, 24, 24]
     for path, person, camera in zip(train.paths, train.person, train.camera, strict=True):
         name, identity = train.cameras[camera][5:], int(train.people[person][5:])
         frame = int(path.stem.split("_")[-1])
@@ -104,27 +104,18 @@ def scene_file(folder, mode):
     return folder / "scene.toml"
 
 
-@pytest.fixture
-def filmed(tmp_path):
+def test_a_scene_file_with_given_identities_or_with_those_of_each_camera(tmp_path):
     """C1: 4 and 9 together, then 9 and 5; C2: 4 alone."""
     folder = tmp_path / "yard"
     for camera in ("C1", "C2"):
         film(folder / f"{camera}.mp4")
     tracks(folder / "C1.txt", two_walkers(1, 12) + two_walkers(13, 30, (5, 9)))
     tracks(folder / "C2.txt", [row for row in two_walkers() if row[1] == 4])
-    return folder
-
-
-def test_a_scene_file_with_given_identities(tmp_path, filmed):
-    data = read_data(scene_file(filmed, "given"), tmp_path / "cache")
-    assert data.train.people == ("yard/4", "yard/5", "yard/9")
-    assert data.train.apart is None
+    data = read_data(scene_file(folder, "given"), tmp_path / "cache")
+    assert (data.train.people, data.train.apart) == (("yard/4", "yard/5", "yard/9"), None)
     seen = {(int(person), int(camera)) for person, camera in zip(data.train.person, data.train.camera, strict=True)}
     assert seen == {(0, 0), (1, 0), (2, 0), (0, 1)}
-
-
-def test_identities_of_each_camera_s_own(tmp_path, filmed):
-    data = read_data(scene_file(filmed, "combined"), tmp_path / "cache")
+    data = read_data(scene_file(folder, "combined"), tmp_path / "cache")
     people = data.train.people
     assert (data.name, people) == ("yard", ("yard/C1-4", "yard/C1-5", "yard/C1-9", "yard/C2-4"))
     pairs = {(people[a][5:], people[b][5:]) for a, b in np.argwhere(data.train.apart)}
@@ -132,7 +123,7 @@ def test_identities_of_each_camera_s_own(tmp_path, filmed):
     assert any("camera C3 has no tracks: left out" in note for note in data.notes)
 
 
-def test_what_is_not_worth_cutting():
+def test_clear_boxes_alone_are_cut_and_a_few_of_many_evenly_spread():
     boxes = {
         "clear": (20, 10, 20, 50, True),
         "behind the next": (60, 10, 20, 50, False),
@@ -148,13 +139,9 @@ def test_what_is_not_worth_cutting():
     one_frame, order = np.full(len(boxes), 7), np.random.default_rng(0).permutation(len(boxes))
     assert dict(zip(boxes, find_clear_boxes(one_frame, ltwh, SIZE), strict=True)) == dict(zip(boxes, clear, strict=True))
     np.testing.assert_array_equal(find_clear_boxes(one_frame, ltwh[order], SIZE), clear[order])
-    # In frames of their own nobody is before anybody.
+    # In frames of their own no one is before anybody.
     assert find_clear_boxes(np.arange(len(boxes)), ltwh, SIZE)[list(boxes).index("behind the next")]
-
-
-def test_a_few_of_many_boxes_evenly_spread():
-    frame, person = np.tile(np.arange(1, 101), 3), np.repeat([0, 1, -1], 100)
-    usable = np.ones(300, dtype=bool)
+    frame, person, usable = np.tile(np.arange(1, 101), 3), np.repeat([0, 1, -1], 100), np.ones(300, dtype=bool)
     usable[100:197] = False
     rows = spread_rows(frame, person, usable, at_most=10)
     shown = {who: frame[rows[person[rows] == who]].tolist() for who in (0, 1, -1)}
@@ -162,7 +149,7 @@ def test_a_few_of_many_boxes_evenly_spread():
     assert not len(spread_rows(frame, person, ~np.ones(300, dtype=bool)))
 
 
-def test_boxes_beyond_the_end_of_the_video_and_people_of_whom_nothing_can_be_seen_are_told(tmp_path):
+def test_boxes_beyond_the_end_of_the_video_and_people_without_clear_frames_are_named(tmp_path):
     data = yard(tmp_path, two_walkers(11, 34))
     assert len(data.train) == 40
     assert "8 of 48 boxes are of frames that it does not have" in data.notes[0]
@@ -191,25 +178,26 @@ def mot_rows():
     return rows + [(frame, 4, 60, 61, 20, 50, 0, 1, 1.0) for frame in range(1, 11)]
 
 
-def test_a_motchallenge_sequence(tmp_path):
+def test_motchallenge_sequences(tmp_path):
     train = read_data(mot(tmp_path / "MOT17-02-FRCNN", mot_rows()), tmp_path / "cache").train
     assert [name.split("/")[1] for name in train.people] == ["MOT17-02-FRCNN-1", "MOT17-02-FRCNN-2"]
     assert np.bincount(train.person).tolist() == [10, 5]
     assert train.apart[0, 1]
     # The first pixel counts as 1 there: the box of frame 1 begins at column 11, row 20.
     np.testing.assert_array_equal(cv2.imread(str(train.paths[0])), scene(1)[20:70, 11:31])
-
-
-def test_every_motchallenge_sequence_once(tmp_path):
+    # Pictures that cannot be read are as if they were not there.
+    folder = mot(tmp_path / "seq", mot_rows())
+    (folder / "img1" / "000007.png").write_bytes(b"")
+    picture(folder / "img1" / "cover.png")
+    data = read_data(folder, tmp_path / "cache")
+    assert np.bincount(data.train.person).tolist() == [9, 4]
+    assert "2 of 15 boxes" in data.notes[0]
+    # Every sequence once; a person of one sequence may be one of another.
     for name in ("MOT17-02-DPM", "MOT17-02-FRCNN", "MOT17-04-DPM"):
         mot(tmp_path / "MOT17" / name, mot_rows())
     train = read_data(tmp_path / "MOT17", tmp_path / "cache").train
     assert train.cameras == ("MOT17/MOT17-02-DPM", "MOT17/MOT17-04-DPM")
-    assert int(train.apart.sum()) == 4  # who is in two sequences may be one person
-
-
-def mot_without(folder, part):
-    shutil.rmtree(mot(folder, mot_rows()) / part)
+    assert int(train.apart.sum()) == 4
 
 
 def videos(folder, rows):
@@ -219,13 +207,17 @@ def videos(folder, rows):
     return folder
 
 
+def with_content(folder, name, content):
+    (videos(folder, two_walkers(1, 5)) / name).write_bytes(content)
+
+
 def without_text(folder):
     for text in videos(folder, two_walkers(1, 5)).glob("*.txt"):
         text.unlink()
 
 
-def with_content(folder, name, content):
-    (videos(folder, two_walkers(1, 5)) / name).write_bytes(content)
+def mot_without(folder, part):
+    shutil.rmtree(mot(folder, mot_rows()) / part)
 
 
 def scene_of(folder, tracks):
@@ -247,35 +239,31 @@ def scene_of(folder, tracks):
         (lambda folder: mot_without(folder, "img1"), "img1: no such folder"),
         (lambda folder: mot(folder, ["abc"]), "gt.txt: is not MOTChallenge text"),
         (lambda folder: mot(folder, mot_rows()[:1] * 2), "gt.txt: identity 1 is in frame 1 twice"),
+        *((lambda folder, row=row: mot(folder, [*mot_rows(), row]),
+           r"gt\.txt: frame .*, id .*: whole numbers are needed, of frames from 0 on")
+          for row in ((-1, 1, 10, 10, 20, 50, 1, 1, 1), (1.5, 1, 10, 10, 20, 50, 1, 1, 1), (1, 0.5, 10, 10, 20, 50, 1, 1, 1))),
         (lambda folder: with_content(folder, "C1.txt", b"1,2,3\n"), "C1.txt: line 1"),
         (lambda folder: with_content(folder, "C1.mp4", b"no video"), "C1.mp4"),
     ],
-)
-def test_what_is_wrong_is_told(tmp_path, make, message):
+)  # fmt: skip
+def test_what_is_wrong_is_named(tmp_path, make, message):
     made = make(tmp_path / "yard")
     with pytest.raises(InputError, match=message):
         read_data(made if made and made.is_file() else tmp_path / "yard", tmp_path / "cache")
 
 
 @pytest.mark.parametrize(
-    ("lines", "told"),
+    ("lines", "said"),
     [
         *((f"imDir={name}\n", r"imDir is [ai].*\.\.\.: no such folder") for name in ("i" * 5000, "i - " * 500, "a/" * 300)),
         (f"{'a ' * 500}=1\n" * 2, "is not a description of a sequence: .* a a"),
     ],
 )
-def test_what_is_no_description_of_a_sequence_is_told_in_short(lines, told, tmp_path):
+def test_what_is_no_description_of_a_sequence_is_named_in_short(lines, said, tmp_path):
     (mot(tmp_path / "yard", mot_rows()) / "seqinfo.ini").write_text(f"[Sequence]\n{lines}")
-    with pytest.raises(InputError, match=rf"yard/seqinfo\.ini: {told}") as raised:
+    with pytest.raises(InputError, match=rf"yard/seqinfo\.ini: {said}") as raised:
         again(tmp_path)
     assert len(str(raised.value).replace(str(tmp_path), "")) < 250
-
-
-@pytest.mark.parametrize("row", ["-1,1,10,10,20,50,1,1,1", "1.5,1,10,10,20,50,1,1,1", "1,0.5,10,10,20,50,1,1,1"])
-def test_frames_and_identities_of_a_sequence_are_whole_numbers(row, tmp_path):
-    mot(tmp_path / "yard", [*mot_rows(), row.split(",")])
-    with pytest.raises(InputError, match=r"gt\.txt: frame .*, id .*: whole numbers are needed, of frames from 0 on"):
-        read_data(tmp_path / "yard", tmp_path / "cache")
 
 
 def test_what_cut_crops_refuses(tmp_path):
@@ -301,12 +289,3 @@ def test_what_cut_crops_refuses(tmp_path):
         (tmp_path / "closed").mkdir(mode=0o500)
         with pytest.raises(InputError, match="cannot be written"):
             cut([1], [0], box[:1], place="closed")
-
-
-def test_pictures_that_cannot_be_read_are_as_if_they_were_not_there(tmp_path):
-    folder = mot(tmp_path / "seq", mot_rows())
-    (folder / "img1" / "000007.png").write_bytes(b"")
-    picture(folder / "img1" / "cover.png")
-    data = read_data(folder, tmp_path / "cache")
-    assert np.bincount(data.train.person).tolist() == [9, 4]
-    assert "2 of 15 boxes" in data.notes[0]

@@ -75,20 +75,18 @@ def test_the_perception_stage_opens_it_as_any_other_and_sees_the_same(written, t
     assert embedder.dimensions == 256
     np.testing.assert_allclose(vectors, reference, atol=2e-6)
     assert np.abs(vectors[0] - vectors[1]).max() > 1e-3  # and not the same of all
+    # Any number of pictures at once.
+    session = onnxruntime.InferenceSession(str(path))
+    for number in (1, 7, 16):
+        pictures = torch.randn(number, 3, 64, 32, generator=torch.Generator().manual_seed(number))
+        (given,) = session.run(None, {session.get_inputs()[0].name: pictures.numpy()})
+        with torch.no_grad():
+            expected = copy.deepcopy(trained).eval().embed(pictures).numpy()
+        assert given.shape == (number, 256)
+        np.testing.assert_allclose(given, expected, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("number", [1, 7, 16])
-def test_any_number_of_pictures_at_once(written, trained, number):
-    session = onnxruntime.InferenceSession(str(written[0]))
-    pictures = torch.randn(number, 3, 64, 32, generator=torch.Generator().manual_seed(number))
-    (found,) = session.run(None, {session.get_inputs()[0].name: pictures.numpy()})
-    with torch.no_grad():
-        expected = copy.deepcopy(trained).eval().embed(pictures).numpy()
-    assert found.shape == (number, 256)
-    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5)
-
-
-def test_the_file_tells_its_input_and_its_origin_and_nothing_of_this_machine(written):
+def test_the_file_states_its_input_and_its_origin_and_nothing_of_this_machine(written):
     path, report = written
     model = onnx.load(path)
     told = {entry.key: entry.value for entry in model.metadata_props}
@@ -103,10 +101,7 @@ def test_the_file_tells_its_input_and_its_origin_and_nothing_of_this_machine(wri
         assert word not in data
     assert report.bytes == len(data)
     assert [entry.name for entry in path.parent.iterdir()] == ["net.onnx"]
-
-
-def test_what_was_compared_is_told(written):
-    _, report = written
+    # What was compared with PyTorch is reported.
     assert (report.random.pictures, report.real.pictures) == (19, 12)
     for compared in (report.random, report.real):
         assert compared.largest_difference < 2e-6
@@ -138,29 +133,15 @@ def test_generalised_mean_and_no_neck(tmp_path):
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_file_that_cannot_be_written(trained, tmp_path):
+def test_a_file_that_cannot_be_written_or_answers_otherwise_than_pytorch(trained, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("not a folder")
     with pytest.raises(InputError, match=r"net\.onnx: cannot be written"):
         export_network(trained, options(), tmp_path / "file" / "net.onnx")
-    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
-
-
-@pytest.mark.usefixtures("quick")
-def test_another_answer_than_pytorchs_is_an_error_and_nothing_is_written(trained, tmp_path, monkeypatch):
     right = export.normalise_pictures
     monkeypatch.setattr(export, "normalise_pictures", lambda batch: right(batch.flip(-1)))  # red and blue exchanged
     with pytest.raises(InputError, match=r"backbone small: on random images, .* other vectors than PyTorch"):
         export_network(trained, options(), tmp_path / "net.onnx")
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_network_that_is_not_a_number(trained, tmp_path):
-    broken = copy.deepcopy(trained)
-    with torch.no_grad():
-        next(broken.backbone.parameters()).fill_(float("nan"))
-    with pytest.raises(InputError, match="not finite"):
-        export_network(broken, options(), tmp_path / "net.onnx")
-    assert not list(tmp_path.iterdir())
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
 class DependsOnItsNumbers(torch.nn.Module):
@@ -176,8 +157,12 @@ class DependsOnItsNumbers(torch.nn.Module):
         return type("Answer", (), {"last_hidden_state": self.layer(pictures)})
 
 
-def test_a_backbone_that_cannot_be_exported_is_named(tmp_path):
-    chosen = options()
+def test_a_network_that_is_not_a_number_and_a_backbone_that_cannot_be_exported(trained, tmp_path):
+    chosen, broken = options(), copy.deepcopy(trained)
+    with torch.no_grad():
+        next(broken.backbone.parameters()).fill_(float("nan"))
+    with pytest.raises(InputError, match="not finite"):
+        export_network(broken, chosen, tmp_path / "net.onnx")
     made = ReidNetwork(Backbone(DependsOnItsNumbers(), 4, False, ""), 5, chosen)
     with pytest.raises(InputError, match=r"backbone small: cannot be exported to ONNX \(.{10,}\): train with another"):
         export_network(made, chosen, tmp_path / "net.onnx")

@@ -31,33 +31,24 @@ def test_the_hardest_of_a_batch_count():
     # d/dx of (4-0) - (6-0), (4-1) - (6-1), (4-0) - (6-4), (9-6) - (6-4), (9-6) - (9-4), each a fifth.
     by_hand = [1 - 1 - 1, 1 - 1, 1 + 1 + 1 + 1 + 1 + 1, -1 - 1 - 1 - 1 - 1 - 1, 1 + 1 - 1]
     np.testing.assert_allclose(gradient.ravel(), np.array(by_hand) / 5, atol=1e-6)
-
-
-def test_distances_are_of_the_feature_as_it_is():
-    # (0, 0) and (3, 4) are 5 apart; on the unit sphere they would not be. Negatives at 10 and at sqrt(45).
+    # Distances are of the feature as it is: (0, 0) and (3, 4) are 5 apart; on the unit sphere they would not be. Negatives
+    # at 10 and at sqrt(45).
     value, _ = triplet([[0.0, 0], [3, 4], [0, 10], [0, 10]], [0, 0, 1, 1], replace(OPTIONS, margin=6))
     assert value == pytest.approx((5 - 10 + 6 + 5 - np.sqrt(45) + 6 + 0 + 0) / 4, rel=1e-5)
 
 
-def test_who_is_farther_than_the_margin_costs_nothing():
+def test_people_farther_than_the_margin_and_batches_without_triplets_cost_nothing():
     # Negatives are 1.4 away at the least and positives 1: 0.4 is more than 0.3; the triplets count for the mean all the same.
     value, gradient = triplet([[0.0], [1], [2.4], [3.4]], [0, 0, 1, 1])
     assert value == 0
     assert not gradient.any()
     value, _ = triplet([[0.0], [1], [2.2], [3.2]], [0, 0, 1, 1])  # 1 - 1.2 + 0.3 for the two in the middle, of four
     assert value == pytest.approx(0.1 / 2, rel=1e-5)
-
-
-@pytest.mark.parametrize("person", [[0, 0, 0], [0, 1, 2]])
-def test_a_batch_without_triplets_costs_nothing(person):
-    value, gradient = triplet([[0.0], [1], [3]], person)
-    assert value == 0
-    assert not gradient.any()
-
-
-def test_a_network_that_answers_the_same_to_all_pays_the_margin():
-    value, _ = triplet([[1.0, 2]] * 4, [0, 0, 1, 1])
-    assert value == pytest.approx(0.3, rel=1e-6)
+    for person in ([0, 0, 0], [0, 1, 2]):
+        value, gradient = triplet([[0.0], [1], [3]], person)
+        assert (value, gradient.any()) == (0, False)
+    # A network that answers the same to all pays the margin.
+    assert triplet([[1.0, 2]] * 4, [0, 0, 1, 1])[0] == pytest.approx(0.3, rel=1e-6)
 
 
 def test_identity_loss_by_hand():
@@ -119,10 +110,8 @@ def test_who_may_be_the_same_person_is_no_wrong_answer(smoothing):
     assert gradient[0, 3] == 0
     assert gradient[1, 0] == 0
     assert (gradient != 0).sum() == 4 * 6 - 2
-
-
-def test_a_person_apart_from_nobody_teaches_nothing():
+    # A person apart from no other teaches nothing.
     logits, _ = random_logits(people=3, pictures=2)
-    loss = identity_loss(logits, torch.tensor([1, 1]), 0.1, ~torch.eye(3, dtype=torch.bool))
+    loss = identity_loss(logits, torch.tensor([1, 1]), smoothing, ~torch.eye(3, dtype=torch.bool))
     assert loss.item() == 0
     assert not torch.autograd.grad(loss, logits)[0].any()

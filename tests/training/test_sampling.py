@@ -13,14 +13,8 @@ def crops_of(person, camera=None, apart=None):
     """A set of pictures that do not exist."""
     person = np.asarray(person)
     camera = np.zeros(len(person), np.int64) if camera is None else np.asarray(camera)
-    return CropSet(
-        tuple(Path(f"{row}.png") for row in range(len(person))),
-        person,
-        camera,
-        tuple(f"set/{number}" for number in range(person.max() + 1)),
-        tuple(f"set/c{number}" for number in range(camera.max() + 1)),
-        apart,
-    )
+    names = (tuple(f"set/{letter}{number}" for number in range(one.max() + 1)) for letter, one in (("", person), ("c", camera)))
+    return CropSet(tuple(Path(f"{row}.png") for row in range(len(person))), person, camera, *names, apart)
 
 
 def rows(sampler, epoch=0):
@@ -54,30 +48,26 @@ def test_p_people_and_k_pictures_of_each(known):
         assert len(people) == 4
         assert (counts == 3).all()
         assert len(set(batch)) == 12, "no picture twice while there are others"
+    sampler.epoch = 7
+    draws = [draw for batch in sampler for draw in batch]
+    assert [place for _, _, place in draws] == list(range(len(draws))), "every picture has a place of its own"
+    assert {epoch for _, epoch, _ in draws} == {7}
 
 
 @BOTH
-def test_fewer_people_than_asked_for(known):
+def test_fewer_people_or_pictures_than_asked_for(known):
     crops = crops_of([0] * 5 + [1] * 5 + [2] * 5, apart=all_apart(3) if known else None)
     batches = rows(BatchSampler(crops, 16, 4, seed=0))
     assert len(batches) == round(15 / 12)
     assert np.bincount(crops.person[batches[0]]).tolist() == [4, 4, 4]
-
-
-@BOTH
-def test_fewer_pictures_than_asked_for(known):
     crops = crops_of([0, 0] + [1] * 6 + [2] * 3, apart=all_apart(3) if known else None)
     for epoch in range(5):
         for batch in rows(BatchSampler(crops, 3, 4, seed=0), epoch):
             assert np.bincount(crops.person[batch]).tolist() == [4, 4, 4]
             assert len({row for row in batch if crops.person[row] == 1}) == 4
-
-
-@BOTH
-def test_people_without_pictures_are_left_out(known):
     crops = crops_of([0, 0, 3, 3, 5, 5], apart=all_apart(6) if known else None)
     for batch in rows(BatchSampler(crops, 6, 2, seed=0)):
-        assert sorted(crops.person[batch].tolist()) == [0, 0, 3, 3, 5, 5]
+        assert sorted(crops.person[batch].tolist()) == [0, 0, 3, 3, 5, 5], "people without pictures are left out"
 
 
 @BOTH
@@ -91,15 +81,6 @@ def test_an_epoch_follows_from_seed_and_number(known):
     assert rows(sampler, 2) == first[2], "whatever was drawn before"
     assert all(first[a] != first[b] for a in range(4) for b in range(a))
     assert rows(BatchSampler(crops, 4, 3, seed=2), 2) not in first
-
-
-@BOTH
-def test_every_picture_has_a_place_of_its_own(known):
-    sampler = BatchSampler(many(known), 4, 3, seed=1)
-    sampler.epoch = 7
-    draws = [draw for batch in sampler for draw in batch]
-    assert [place for _, _, place in draws] == list(range(len(draws)))
-    assert {epoch for _, epoch, _ in draws} == {7}
 
 
 @BOTH
@@ -133,16 +114,12 @@ def test_batches_hold_only_people_who_are_apart():
             assert len(people) == 4 or not free, "nobody could have been added"
             sizes.add(len(people))
     assert sizes == {3, 4}
-
-
-def test_a_person_apart_from_nobody_is_alone():
+    # A person apart from no other is alone.
     apart = all_apart(4)
     apart[0], apart[:, 0] = False, False
     crops = crops_of(np.repeat(np.arange(4), 3), apart=apart)
-    seen = [
-        frozenset(crops.person[batch].tolist()) for epoch in range(30) for batch in rows(BatchSampler(crops, 4, 2, 0), epoch)
-    ]
-    assert set(seen) == {frozenset({0}), frozenset({1, 2, 3})}
+    batches = [batch for epoch in range(30) for batch in rows(BatchSampler(crops, 4, 2, 0), epoch)]
+    assert {frozenset(crops.person[batch].tolist()) for batch in batches} == {frozenset({0}), frozenset({1, 2, 3})}
 
 
 def test_pictures_are_spread_over_the_cameras():

@@ -1,4 +1,4 @@
-"""Crops of a calibrated scene's own people: whom they show, what is told, and what is refused."""
+"""Crops of a calibrated scene's own people: that they show the right ones, what is reported, and what is refused."""
 
 import json
 import shutil
@@ -33,7 +33,7 @@ def walkers():
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A scene with videos, in each of which people are rectangles of their own colours, and its calibration."""
+    """A scene with videos, where people are rectangles of their own colours, and its calibration."""
     folder = tmp_path_factory.mktemp("yard")
     rig = Rig(tuple(replace(camera, lens=LENS) for camera in ring(3, height=5.0)))
     frame, identity = np.repeat(np.arange(1, FRAMES + 1), PEOPLE), np.tile(np.arange(1, PEOPLE + 1), FRAMES)
@@ -72,7 +72,7 @@ def change(out, **values):
     path.write_text(json.dumps(json.loads(path.read_text()) | values))
 
 
-def test_crops_show_whom_they_are_said_to(made, tmp_path):
+def test_crops_show_the_people_they_are_named_after(made, tmp_path):
     folder, _, boxes = made
     told = []
     found = scene_people(folder / "out", tmp_path, tell=lambda stage, done=0, total=0, *, part="": told.append(stage))
@@ -98,31 +98,28 @@ def test_crops_show_whom_they_are_said_to(made, tmp_path):
     assert figures["sure"] + sum(figures["left_out"].values()) == figures["identified"]
     assert figures["sure_share"] == figures["sure"] / figures["identified"] > 0.4
     json.dumps(figures, allow_nan=False)
+    again = scene_people(folder / "out", tmp_path)
+    assert (again.crops.paths, again.figures) == (crops.paths, figures), "the same calibration gives the same crops"
+    assert (again.crops.person == crops.person).all()
 
 
-def test_the_same_calibration_gives_the_same_crops(made, tmp_path):
-    one, two = (scene_people(made[0] / "out", tmp_path) for _ in range(2))
-    assert (one.crops.paths, one.figures) == (two.crops.paths, two.figures)
-    assert (one.crops.person == two.crops.person).all()
-
-
-def test_a_scene_that_was_moved_is_named(made, out, tmp_path):
-    for place, told in ((str(tmp_path / "gone" / "scene.toml"), r"gone/scene\.toml: no such file.*new path"),
-                        (None, "does not state the path of the scene file")):  # fmt: skip
-        change(out, scene_file=place)
-        with pytest.raises(InputError, match=told):
-            scene_people(out, tmp_path / "cache")
-    assert len(scene_people(out, tmp_path / "cache", made[0] / "scene.toml").crops) > 100
-
-
-def test_frames_are_counted_alike_where_no_clock_is_told(made, out, tmp_path):
-    known = scene_people(made[0] / "out", tmp_path / "cache")
+def test_a_scene_that_was_moved_is_named_and_frames_are_counted_alike_without_a_clock(made, out, tmp_path, monkeypatch):
+    known = scene_people(out, tmp_path / "cache")
     cameras = json.loads((out / "calibration.json").read_text())["cameras"]
     change(out, cameras=[camera | {"fps": None, "time_offset_s": None} for camera in cameras])
     assert len(scene_people(out, tmp_path / "cache").crops) == len(known.crops)
+    for place, said in ((str(tmp_path / "gone" / "scene.toml"), r"gone/scene\.toml: no such file.*new path"),
+                        (None, "does not state the path of the scene file")):  # fmt: skip
+        change(out, scene_file=place)
+        with pytest.raises(InputError, match=said):
+            scene_people(out, tmp_path / "cache")
+    assert len(scene_people(out, tmp_path / "cache", made[0] / "scene.toml").crops) == len(known.crops) > 100
+    monkeypatch.chdir(made[0] / "videos")
+    assert scene_file(Path("../scene.toml")) == (made[0].resolve() / "scene.toml").as_posix()
+    assert scene_file(None) is None
 
 
-def test_a_doubtful_calibration_and_a_camera_without_video_are_told(made, out, tmp_path):
+def test_a_doubtful_calibration_and_a_camera_without_video_are_named(made, out, tmp_path):
     change(out, verdict="doubtful")
     scene = made[0] / "two_videos.toml"
     scene.write_text((made[0] / "scene.toml").read_text().replace("video = 'videos/C3.mp4'", "tracks = 'C3.txt'"))
@@ -143,11 +140,11 @@ def test_one_camera_or_a_refused_calibration_teaches_nothing(made, out, tmp_path
     assert (error.value.exit_status, error.value.reasons) == (3, ("all people walk on one line",))
 
 
-@pytest.mark.parametrize("fault", ["nobody known", "three people", "a moment", "wrong poses"])
+@pytest.mark.parametrize("fault", ["no one known", "three people", "a moment", "wrong poses"])
 def test_too_little_is_refused_with_figures(made, out, tmp_path, fault):
     _, rig, boxes = made
     spoilt = {
-        "nobody known": lambda seen: replace(seen, identity=np.full(len(seen), -1)),
+        "no one known": lambda seen: replace(seen, identity=np.full(len(seen), -1)),
         "three people": lambda seen: seen.take(seen.identity <= 3),
         "a moment": lambda seen: seen.take(seen.frame <= 6),
     }.get(fault, lambda seen: seen)
@@ -197,10 +194,3 @@ def test_bad_input_is_named(made, out, tmp_path):
         (out / name).unlink() if text is None else (out / name).write_text(text)
         if match:
             refused(match)
-
-
-def test_a_calibration_says_where_its_scene_lies(made, monkeypatch):
-    folder, _, _ = made
-    monkeypatch.chdir(folder / "videos")
-    assert scene_file(Path("../scene.toml")) == (folder.resolve() / "scene.toml").as_posix()
-    assert scene_file(None) is None

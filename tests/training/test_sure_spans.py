@@ -22,7 +22,7 @@ def scene(**faults):
     return simulate(SimulationOptions(preset="terrace", people=6, seconds=40.0, box_noise=0.02, **faults))
 
 
-def judged(rig, boxes, clocks=None):
+def confirmed(rig, boxes, clocks=None):
     places = places_of(rig, boxes, clocks or {name: Clock(FPS) for name in rig.names})
     agreed = verify_boxes(places)
     return places, agreed, pseudo_labels(places, agreed)
@@ -30,11 +30,6 @@ def judged(rig, boxes, clocks=None):
 
 def labelled(made):
     return {name: made.observations[name].boxes for name in made.rig.names}
-
-
-def truth_of(made, places):
-    names = made.rig.names
-    return np.array([made.true_identities[names[c]][r] for c, r in zip(places.camera, places.row, strict=True)])
 
 
 def cross_camera(step, camera, label, true):
@@ -54,10 +49,12 @@ def purity(places, spans, true):
     return right / total
 
 
-def judged_scene(made, boxes=None, clocks=None):
-    """And whom the places really show."""
-    places, agreed, spans = judged(made.rig, boxes or labelled(made), clocks)
-    return places, agreed, spans, truth_of(made, places)
+def confirmed_scene(made, boxes=None, clocks=None):
+    """And the people that the places really show."""
+    places, agreed, spans = confirmed(made.rig, boxes or labelled(made), clocks)
+    names = made.rig.names
+    true = np.array([made.true_identities[names[c]][r] for c, r in zip(places.camera, places.row, strict=True)])
+    return places, agreed, spans, true
 
 
 def exchanged(boxes):
@@ -72,7 +69,7 @@ def shown_in(rig, boxes, places):
 
 
 def people_of_spans(spans, true):
-    """Of each span the set of people whom its boxes really show."""
+    """Of each span the set of people that its boxes really show."""
     return [set(true[spans.span == number].tolist()) for number in range(len(spans.identity))]
 
 
@@ -86,7 +83,7 @@ def assert_apart_is_right(spans, true):
 
 def test_right_labels_are_confirmed_where_people_are_not_hidden():
     made = scene()
-    places, agreed, spans, true = judged_scene(made)
+    places, agreed, spans, true = confirmed_scene(made)
     kept = spans.span >= 0
     assert purity(places, spans, true) == 1.0
     together = set(zip(places.step.tolist(), true.tolist(), strict=True))
@@ -105,7 +102,7 @@ def test_labels_that_changed_hands_in_one_camera_do_not_come_through():
     boxes = labelled(made)
     own = boxes["C2"]
     swapped = np.where(own.frame > 60, np.array([0, 2, 1, 4, 3, 5, 6])[own.identity], own.identity)
-    places, agreed, spans, true = judged_scene(made, boxes | {"C2": replace(own, identity=swapped)})
+    places, agreed, spans, true = confirmed_scene(made, boxes | {"C2": replace(own, identity=swapped)})
     wrong = places.identity != true
     assert wrong.sum() > 300
     assert not (spans.span[wrong] >= 0).any()
@@ -116,7 +113,7 @@ def test_labels_that_changed_hands_in_one_camera_do_not_come_through():
 
 
 def test_labels_that_are_exchanged_at_random():
-    places, _, spans, true = judged_scene(scene(identity_swaps=0.05))
+    places, _, spans, true = confirmed_scene(scene(identity_swaps=0.05))
     right, total = cross_camera(places.step, places.camera, places.identity, true)
     assert right / total < 0.95
     assert (spans.span >= 0).sum() > 200
@@ -126,9 +123,7 @@ def test_labels_that_are_exchanged_at_random():
 
 @pytest.mark.slow
 def test_false_boxes_and_missing_ones():
-    made = scene(false_boxes=0.1, missing=0.1)
-    places, _, spans = judged(made.rig, labelled(made))
-    true = truth_of(made, places)
+    places, _, spans, true = confirmed_scene(scene(false_boxes=0.1, missing=0.1))
     assert (spans.span >= 0).sum() > 300
     assert (true[spans.span >= 0] > 0).all()
     assert purity(places, spans, true) >= 0.99
@@ -150,9 +145,9 @@ def two_who_meet(distance, frames=120):
 
 
 @pytest.mark.parametrize("mixed", [False, True])
-def test_who_meets_somebody_becomes_another_person(mixed):
+def test_a_person_who_meets_somebody_becomes_another(mixed):
     rig, boxes = poles(two_who_meet(0.4), np.array([1, 2]), np.arange(1, 121))
-    places, agreed, spans = judged(rig, exchanged(boxes) if mixed else boxes)
+    places, agreed, spans = confirmed(rig, exchanged(boxes) if mixed else boxes)
     assert (sorted(spans.identity.tolist()), sorted(spans.number.tolist())) == ([1, 1, 2, 2], [1, 1, 2, 2])
     assert all(len(who) == 1 for who in people_of_spans(spans, shown_in(rig, boxes, places)))
     assert agreed.near.any()
@@ -166,12 +161,12 @@ def test_who_meets_somebody_becomes_another_person(mixed):
 def test_labels_that_jump_from_one_to_another_are_cut():
     ground = np.stack([np.column_stack([np.linspace(-2, 2, 120), np.full(120, y)]) for y in (-2.0, 2.0)], axis=1)
     rig, boxes = poles(ground, np.array([1, 2]), np.arange(1, 121))
-    places, _, spans = judged(rig, exchanged(boxes))
+    places, _, spans = confirmed(rig, exchanged(boxes))
     assert [len(who) for who in people_of_spans(spans, shown_in(rig, boxes, places))] == [1, 1, 1, 1]
 
 
 @pytest.mark.parametrize("both_found", [True, False])
-def test_who_is_hidden_in_one_camera_is_carried_through_by_the_others(both_found):
+def test_a_person_hidden_in_one_camera_is_carried_through_by_the_others(both_found):
     """Somebody walks across the view of camera C1, close before it; a person farther off stands still."""
     centre = ring(4)["C1"].centre[:2]
     towards = centre / np.linalg.norm(centre)
@@ -183,7 +178,7 @@ def test_who_is_hidden_in_one_camera_is_carried_through_by_the_others(both_found
         middle = np.abs(seen.frame - 60.5) < 6
         renamed = replace(seen, identity=np.where(middle & (seen.identity == 2), 1, seen.identity))
         boxes["C1"] = renamed.take(~(middle & (seen.identity == 1)))
-    places, agreed, spans = judged(rig, boxes)
+    places, agreed, spans = confirmed(rig, boxes)
     mine = (places.camera == 0) & (places.identity == 1)
     behind = mine & (np.abs(places.step - 59.5) < 6)
     assert behind.sum() >= 10
@@ -198,8 +193,8 @@ def test_who_is_hidden_in_one_camera_is_carried_through_by_the_others(both_found
 def test_a_wrong_clock_leaves_nothing_of_its_camera_and_nothing_wrong():
     made = scene()
     clocks = {name: Clock(FPS, 1.5 if name == "C3" else 0.0) for name in made.rig.names}
-    places, _, spans, true = judged_scene(made, None, clocks)
-    on_time, _, right = judged(made.rig, labelled(made))
+    places, _, spans, true = confirmed_scene(made, None, clocks)
+    on_time, _, right = confirmed(made.rig, labelled(made))
     assert (spans.span[places.camera == 2] >= 0).sum() < 0.35 * (right.span[on_time.camera == 2] >= 0).sum()
     assert purity(places, spans, true) >= 0.99
     assert_apart_is_right(spans, true)
@@ -211,26 +206,26 @@ def test_cameras_of_different_rates_meet_at_common_instants():
     late = fine["C3"].take(fine["C3"].frame > 20)  # by two seconds
     others = {"C2": replace(every, frame=(every.frame - 1) // 3 + 1), "C3": replace(late, frame=late.frame - 20)}
     clocks = {name: Clock(10.0) for name in rig.names} | {"C2": Clock(10.0 / 3), "C3": Clock(10.0, 2.0)}
-    places, _, spans = judged(rig, fine | others, clocks)
+    places, _, spans = confirmed(rig, fine | others, clocks)
     assert (places.step_s, spans.identity.tolist()) == (pytest.approx(0.3), [1, 2])
     assert all((spans.span[places.camera == camera] >= 0).mean() > 0.6 for camera in range(4))
 
 
 @pytest.mark.parametrize("seen", [lambda one: replace(one, identity=np.full(len(one), -1)), lambda one: Boxes.empty()])
-def test_nobody_known_nobody_sure(seen):
+def test_without_known_people_none_is_sure(seen):
     made = scene()
-    places, agreed, spans = judged(made.rig, {name: seen(one) for name, one in labelled(made).items()})
+    places, agreed, spans = confirmed(made.rig, {name: seen(one) for name, one in labelled(made).items()})
     assert (len(spans.identity), spans.apart.shape, len(places)) == (0, (0, 0), len(spans.span))
     assert not (agreed.reason == SURE).any()
     assert (spans.span == -1).all()
 
 
-def test_parts_of_a_long_recording_are_judged_as_the_whole(monkeypatch):
+def test_parts_of_a_long_recording_are_confirmed_as_the_whole(monkeypatch):
     made = scene()
-    whole = judged(made.rig, labelled(made))
+    whole = confirmed(made.rig, labelled(made))
     spread = whole[1].spread
     monkeypatch.setattr("passerby.training.agreement.BLOCK_ROWS", 700)
     monkeypatch.setattr("passerby.training.agreement._spread", lambda places: spread)
-    parts = judged(made.rig, labelled(made))
+    parts = confirmed(made.rig, labelled(made))
     assert (parts[2].span == whole[2].span).all()
     assert (parts[1].reason == whole[1].reason).all()

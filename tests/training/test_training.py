@@ -87,9 +87,6 @@ def same(folder, other):
         assert (folder / name).read_bytes() == (other / name).read_bytes(), name
 
 
-# What is learnt.
-
-
 @pytest.fixture(scope="module")
 def learnt(tmp_path_factory):
     """Eight people, trained long enough to be known; and the network as it was at first."""
@@ -125,20 +122,12 @@ def test_the_record_of_a_training(whole):
     assert [row.rank_1 is not None for row in rows] == [False, True, False, True]
     assert [row.learning_rate for row in rows] == [learning_rate(options(), row.step - 1, BATCHES) for row in rows]
     kept = load_checkpoint(whole)
-    assert kept.epoch == 4
-    assert kept.options == options()
-    assert kept.people == 6
-    assert kept.origin["data"] == "court"
-    assert kept.origin["pictures"] == "24"
-    written = train_options(config=run_toml(whole))
-    assert written == options()
-
-
-def run_toml(folder):
-    """The options of a run as a file that `--config` takes."""
-    path = folder / "again.toml"
-    path.write_text(tomli_w.dumps(tomllib.loads((folder / "run.toml").read_text())["options"]))
-    return path
+    assert (kept.epoch, kept.options, kept.people) == (4, options(), 6)
+    assert (kept.origin["data"], kept.origin["pictures"]) == ("court", "24")
+    # The options as a file that `--config` takes.
+    path = whole / "again.toml"
+    path.write_text(tomli_w.dumps(tomllib.loads((whole / "run.toml").read_text())["options"]))
+    assert train_options(config=path) == options()
 
 
 def test_the_learning_rate_rises_then_falls():
@@ -185,9 +174,6 @@ def test_people_who_may_be_the_same(data, tmp_path):
     for name in ("a", "b"):
         train(crops, options(epochs=2), tmp_path / name, origin={}, device="cpu")
     assert state(tmp_path / "a") == state(tmp_path / "b")
-
-
-# The same again.
 
 
 def test_a_seed_gives_one_network(data, whole, tmp_path):
@@ -249,16 +235,18 @@ def test_a_finished_training_stays_as_it_is(data, whole, tmp_path):
     assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == (whole / "checkpoint.pt").read_bytes()
 
 
-def test_a_folder_that_was_moved(data, whole, tmp_path):
+def test_going_on_in_a_folder_that_was_moved_and_with_more_readers(data, whole, tmp_path):
     """Where pictures and run lie is not what a training is made of."""
     shutil.copytree(data, tmp_path / "elsewhere" / "court")
     stopped(data, tmp_path / "run", 2 * BATCHES)
     shutil.move(tmp_path / "run", tmp_path / "moved")
     run(tmp_path / "elsewhere" / "court", tmp_path / "moved")
     same(tmp_path / "moved", whole)
-
-
-# What cannot go on.
+    # How many processes read pictures changes nothing either.
+    stopped(data, tmp_path / "more", 3 * BATCHES + 1)
+    assert run(data, tmp_path / "more", workers=1).resumed_after == 3
+    assert state(tmp_path / "more")[-1] == state(whole)[-1]
+    assert (tmp_path / "more" / "log.csv").read_bytes() == (whole / "log.csv").read_bytes()
 
 
 def poisoned(monkeypatch, call, how):
@@ -274,10 +262,6 @@ def poisoned(monkeypatch, call, how):
     monkeypatch.setattr(ReidLoss, "forward", forward)
 
 
-def infinite(value):
-    return lambda loss, answers: replace(loss, total=loss.total * value)
-
-
 def broken_gradient(loss, answers):
     """A loss that is a number, with a gradient that is none: 0 times the infinite slope of the root at 0."""
     return replace(loss, total=loss.total + (0 * answers.pooled.sum()).sqrt())
@@ -286,22 +270,20 @@ def broken_gradient(loss, answers):
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_loss_that_is_no_number(data, whole, tmp_path, monkeypatch, value):
     with monkeypatch.context() as patched:
-        poisoned(patched, 2 * BATCHES + 2, infinite(value))
-        told = rf"the loss is {value} in epoch 3, batch 2: checkpoint.pt has the network after epoch 2: lower learning_rate"
-        with pytest.raises(InputError, match=told):
+        poisoned(patched, 1, lambda loss, answers: replace(loss, total=loss.total * value))
+        with pytest.raises(InputError, match="in epoch 1, batch 1: nothing was stored, it was the first epoch"):
+            run(data, tmp_path)
+        assert not (tmp_path / "checkpoint.pt").exists()
+    with monkeypatch.context() as patched:
+        poisoned(patched, 2 * BATCHES + 2, lambda loss, answers: replace(loss, total=loss.total * value))
+        said = rf"the loss is {value} in epoch 3, batch 2: checkpoint.pt has the network after epoch 2: lower learning_rate"
+        with pytest.raises(InputError, match=said):
             run(data, tmp_path)
     assert load_checkpoint(tmp_path).epoch == 2
     load_checkpoint(tmp_path).restored()
     assert len(TrainingLog(tmp_path).rows()) == 2
     run(data, tmp_path)
     same(tmp_path, whole)
-
-
-def test_a_loss_that_is_no_number_at_once(data, tmp_path, monkeypatch):
-    poisoned(monkeypatch, 1, infinite(math.nan))
-    with pytest.raises(InputError, match="in epoch 1, batch 1: nothing was stored, it was the first epoch"):
-        run(data, tmp_path)
-    assert not (tmp_path / "checkpoint.pt").exists()
 
 
 @pytest.mark.parametrize("epoch", [2, 3, 4])
@@ -318,9 +300,8 @@ def test_weights_that_are_no_numbers_are_never_kept(data, tmp_path, monkeypatch,
 
 
 def test_steps_that_are_far_too_large(data, tmp_path):
-    with pytest.raises(
-        InputError, match=r"the loss is \S+ in epoch 1, batch \d: nothing was stored.* lower learning_rate \(10\)"
-    ):
+    told = r"the loss is \S+ in epoch 1, batch \d: nothing was stored.* lower learning_rate \(10\)"
+    with pytest.raises(InputError, match=told):
         run(data, tmp_path, learning_rate=10, warm_up_epochs=0, neck=False, pooling="gem")
 
 
@@ -336,56 +317,38 @@ def test_going_on_with_other_options(data, whole, key, value):
     assert (whole / "checkpoint.pt").read_bytes() == was
 
 
-def test_going_on_with_more_readers(data, whole, tmp_path):
-    """How many processes read pictures changes nothing."""
-    stopped(data, tmp_path, 3 * BATCHES + 1)
-    assert run(data, tmp_path, workers=1).resumed_after == 3
-    assert state(tmp_path)[-1] == state(whole)[-1]
-    assert (tmp_path / "log.csv").read_bytes() == (whole / "log.csv").read_bytes()
-
-
 def test_going_on_with_other_pictures(data, whole, tmp_path):
-    with pytest.raises(InputError, match=r"checkpoint.pt: an earlier training was on other images: give another folder"):
-        run(coloured_people(tmp_path / "court", seed=1), whole)
-    more = shutil.copytree(data, tmp_path / "more" / "court")
+    more, named = (shutil.copytree(data, tmp_path / name / "court") for name in ("more", "named"))
     coloured_person(more / "train" / "0001" / "0001_c1s1_000099_00.png", 1, np.random.default_rng(0), 1.0)
-    with pytest.raises(InputError, match="other images"):
-        run(more, whole)
-    named = shutil.copytree(data, tmp_path / "named" / "court")
     (named / "train" / "0001").rename(named / "train" / "0077")
-    with pytest.raises(InputError, match="other images"):
-        run(named, whole)
+    for other in (coloured_people(tmp_path / "court", seed=1), more, named):
+        with pytest.raises(InputError, match=r"checkpoint.pt: an earlier training was on other images: give another folder"):
+            run(other, whole)
 
 
-def test_weights_of_another_backbone(data, whole, tmp_path):
-    with pytest.raises(InputError, match='is of the backbone small, not resnet-18: give backbone = "small"'):
-        run(data, tmp_path, weights=str(whole), backbone="resnet-18")
-    assert not (tmp_path / "checkpoint.pt").exists()
-
-
-@pytest.mark.parametrize("chosen", [{"neck": False}, {"pooling": "gem"}])
-def test_weights_of_another_architecture(data, whole, tmp_path, chosen):
-    with pytest.raises(InputError, match="does not fit the options neck and pooling"):
-        run(data, tmp_path, weights=str(whole), **chosen)
-
-
-def test_weights_that_are_not_there(data, tmp_path):
-    with pytest.raises(InputError, match="nowhere: no such file"):
-        run(data, tmp_path / "run", weights=str(tmp_path / "nowhere"))
+def test_weights_that_do_not_fit_or_are_not_there(data, whole, tmp_path):
+    weights, fit = str(whole), "does not fit the options neck and pooling"
+    for chosen, told in (
+        ({"weights": weights, "backbone": "resnet-18"}, 'is of the backbone small, not resnet-18: give backbone = "small"'),
+        ({"weights": weights, "neck": False}, fit),
+        ({"weights": weights, "pooling": "gem"}, fit),
+        ({"weights": str(tmp_path / "nowhere")}, "nowhere: no such file"),
+    ):
+        with pytest.raises(InputError, match=told):
+            run(data, tmp_path / "run", **chosen)
+        assert not (tmp_path / "run" / "checkpoint.pt").exists()
 
 
 def test_too_few_to_learn_from(data, tmp_path):
     crops = read_all([data], tmp_path)[0].train
-    with pytest.raises(InputError, match="training: 1 people with two images or more: at least two are needed"):
-        train(crops.of_people(np.array([2])), options(), tmp_path / "run", origin={})
-    with pytest.raises(InputError, match="a person with one image only"):
-        train(crops.take(np.arange(21)), options(), tmp_path / "run", origin={})
-    with pytest.raises(InputError, match="training: 0 people"):
-        train(CropSet(), options(), tmp_path / "run", origin={})
+    for few, told in (
+        (crops.of_people(np.array([2])), "training: 1 people with two images or more: at least two are needed"),
+        (crops.take(np.arange(21)), "a person with one image only"),
+        (CropSet(), "training: 0 people"),
+    ):
+        with pytest.raises(InputError, match=told):
+            train(few, options(), tmp_path / "run", origin={})
     assert not (tmp_path / "run").exists()
-
-
-# How the data are split.
 
 
 def test_people_are_held_out_where_nothing_else_validates(tmp_path):
@@ -400,13 +363,10 @@ def test_people_are_held_out_where_nothing_else_validates(tmp_path):
     assert course(sets, options()).query.paths == course(sets, options()).query.paths
     assert course(sets, options(seed=1)).query.paths != split.query.paths
     assert not len(course(sets, options(hold_out=0)).query)
-
-
-def test_few_people_are_all_learnt_from(tmp_path):
-    split = course(read_all([coloured_people(tmp_path / "court", people=10, searched=0)], tmp_path), options(hold_out=0.5))
-    assert len(split.learnt.people) == 10
-    assert not len(split.query)
-    assert split.validated_on.startswith("no person")
+    # Few people are all learnt from.
+    few = course(read_all([coloured_people(tmp_path / "few", people=10, searched=0)], tmp_path), options(hold_out=0.5))
+    assert (len(few.learnt.people), len(few.query)) == (10, 0)
+    assert few.validated_on.startswith("no person")
 
 
 def test_fine_tuning_is_gentler(whole, tmp_path):

@@ -1,4 +1,4 @@
-"""People followed: exactly without noise, robustly with faults, honestly in their sigmas."""
+"""People followed: exactly without noise, robustly with faults, with honest sigmas; the smoother against a dense one."""
 
 from dataclasses import replace
 
@@ -8,6 +8,8 @@ import pytest
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
+from passerby.people.trajectories import smoothing
+from passerby.people.trajectories.smoothing import START_SPEED, smooth
 from passerby.people.trajectories.trajectories import METHODS, TrackOptions, trajectories
 from support.scenes.people_and_rigs import without_poses
 from support.scenes.people_to_track import POLES, clocks_of, followed, pole_errors, ring, scene_errors, swapped, watched
@@ -39,7 +41,9 @@ def without(observations, wrong):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_poles_without_noise_are_followed_exactly(rig, seen, method):
-    found = tracked(rig, seen, replace(POLES, method=method))
+    parts = []
+    tell = lambda stage, done=0, total=0, **_: parts.append((done, total))  # noqa: E731
+    found = trajectories(rig, seen, clocks_of(rig), replace(POLES, method=method), tell=tell)
     # What is left is the smoother's: a curve is not a straight line. The box's middle is not that of the projected pole's ends.
     assert pole_errors(found).max() < 0.02
     assert found.figures["people"] == 3
@@ -47,9 +51,16 @@ def test_poles_without_noise_are_followed_exactly(rig, seen, method):
     if method == POLES.method:
         assert list(found.people) == [1, 2, 3]
         assert len(found) == 3 * 60
+        assert parts[-1] == (3, 3)
         assert (found.cameras == 4).mean() > 0.9
         heights = np.array([found.xyz[found.identity == one, 2].mean() for one in (1, 2, 3)])
         assert heights == pytest.approx(np.linspace(1.6, 1.85, 3) / 2, abs=0.02)
+        assert (np.diff(found.identity) >= 0).all()
+        assert (np.diff(found.time_s)[np.diff(found.identity) == 0] > 0).all()
+        for way in found.figures["ways"]:
+            number = way["id"] - 1
+            speed = 0.35 * (1 + 0.2 * number) * (2.0 + 0.5 * number)
+            assert way["length_m"] == pytest.approx(speed * 11.8, rel=0.03)
 
 
 def test_one_camera_knows_where_people_are_but_less_well(rig, seen):
@@ -153,29 +164,17 @@ def test_the_same_input_gives_the_same_bits_in_any_grouping(method, monkeypatch)
     assert np.allclose(tracked(rig, seen, TrackOptions(method)).xyz, first.xyz, atol=1e-9)
 
 
-def test_columns_are_sorted_and_figures_add_up(rig, seen):
-    told = []
-    found = trajectories(rig, seen, clocks_of(rig), POLES, tell=lambda stage, done=0, total=0, **_: told.append((done, total)))
-    assert (np.diff(found.identity) >= 0).all()
-    assert (np.diff(found.time_s)[np.diff(found.identity) == 0] > 0).all()
-    assert told[-1] == (3, 3)
-    for way in found.figures["ways"]:
-        number = way["id"] - 1
-        speed = 0.35 * (1 + 0.2 * number) * (2.0 + 0.5 * number)
-        assert way["length_m"] == pytest.approx(speed * 11.8, rel=0.03)
-
-
-def test_boxes_of_nobody_and_cameras_without_a_pose_are_left_out():
+def test_boxes_without_a_name_and_cameras_without_a_pose_are_left_out():
     rig = ring(3)
     seen = watched(rig)
     found = tracked(Rig((*rig.cameras[:2], replace(rig.cameras[2], pose=None))), seen)
     assert [camera["name"] for camera in found.figures["cameras"]] == ["C1", "C2"]
     assert pole_errors(found).max() < 0.05
-    nobody = Observations({
+    unnamed = Observations({
         name: CameraObservations(replace(one.boxes, identity=np.full(len(one.boxes), -1))) for name, one in seen.cameras.items()
     })  # fmt: skip
     with pytest.raises(EvidenceError, match="no person can be tracked"):
-        tracked(rig, nobody)
+        tracked(rig, unnamed)
     with pytest.raises(EvidenceError, match="no camera with a pose"):
         tracked(without_poses(rig), seen)
 
@@ -184,3 +183,81 @@ def test_boxes_of_nobody_and_cameras_without_a_pose_are_left_out():
 def test_options_out_of_range(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         TrackOptions(**wrong)
+
+
+def walk(count=60, step=0.2, seed=0):
+    rng = np.random.default_rng(seed)
+    seconds = np.cumsum(rng.uniform(0.5, 1.5, count) * step)
+    true = np.column_stack([seconds, np.sin(seconds)])
+    root = rng.normal(size=(count, 2, 2)) * 0.2
+    covariance = root @ root.transpose(0, 2, 1) + 0.01 * np.eye(2)
+    seen = true + np.array([rng.multivariate_normal(np.zeros(2), S) for S in covariance])
+    return seconds, true, seen, covariance
+
+
+def dense(seconds, place, covariance, acceleration):
+    """Mean and covariance of the same Gaussian problem, written down as one system of all states."""
+    n = len(seconds)
+    information, pull = np.zeros((4 * n, 4 * n)), np.zeros(4 * n)
+    information[2:4, 2:4] += np.eye(2) / START_SPEED**2
+    for k in range(n):
+        if np.isfinite(place[k, 0]):
+            W = np.linalg.inv(covariance[k])
+            information[4 * k : 4 * k + 2, 4 * k : 4 * k + 2] += W
+            pull[4 * k : 4 * k + 2] += W @ place[k]
+        if k == 0:
+            continue
+        h = seconds[k] - seconds[k - 1]
+        block = np.array([[h**3 / 3, h**2 / 2], [h**2 / 2, h]])
+        Q = acceleration * np.kron(block, np.eye(2))
+        F = np.eye(4)
+        F[0, 2] = F[1, 3] = h
+        J = np.concatenate([-F, np.eye(4)], axis=1)
+        rows = slice(4 * k - 4, 4 * k + 4)
+        information[rows, rows] += J.T @ np.linalg.inv(Q) @ J
+    spread = np.linalg.inv(information)
+    mean = (spread @ pull).reshape(n, 4)
+    return mean[:, :2], np.array([spread[4 * k : 4 * k + 2, 4 * k : 4 * k + 2] for k in range(n)])
+
+
+def test_it_solves_the_whole_problem_part_by_part():
+    """With a gap, in which people are between and less sure; parts know nothing of each other."""
+    seconds, _, seen, covariance = walk()
+    seen[30:37] = np.nan
+    part = (np.arange(len(seconds)) >= 20).astype(int)
+    place, spread = smooth(seconds, seen, covariance, part)
+    for rows in (slice(20), slice(20, None)):
+        want, want_spread = dense(seconds[rows], seen[rows], covariance[rows], smoothing.ACCELERATION)
+        # The start is held to within 100 m here, not at all there.
+        assert np.abs(place[rows] - want).max() < 1e-4
+        assert np.abs(spread[rows] / want_spread - 1)[:, [0, 1], [0, 1]].max() < 1e-3
+
+
+def test_blocks_change_nothing_and_few_places_are_enough(monkeypatch):
+    seconds, _, seen, covariance = walk(700)
+    one = np.zeros(len(seconds), int)
+    whole = smooth(seconds, seen, covariance, one)
+    monkeypatch.setattr(smoothing, "BLOCK", 90)
+    monkeypatch.setattr(smoothing, "CELLS", 400)
+    cut = smooth(seconds, seen, covariance, one)
+    assert np.abs(cut[0] - whole[0]).max() < 1e-5
+    assert np.abs(cut[1] - whole[1]).max() < 1e-5
+    for count in (0, 1, 2):
+        place, covariance = np.ones((count, 2)), np.tile(0.01 * np.eye(2), (count, 1, 1))
+        out, spread = smooth(np.arange(count) * 0.2, place, covariance, np.zeros(count, int))
+        assert np.allclose(out, 1.0, atol=1e-4)
+        assert spread.shape == (count, 2, 2)
+
+
+def test_it_is_nearer_than_the_measurements_and_its_covariance_is_honest():
+    off, sigmas2, raw = [], [], []
+    for seed in range(12):
+        seconds, true, seen, covariance = walk(seed=seed)
+        place, spread = smooth(seconds, seen, covariance, np.zeros(len(seconds), int))
+        d = place - true
+        off.append(d)
+        raw.append(seen - true)
+        sigmas2.append(np.einsum("ni,nij,nj->n", d, np.linalg.inv(spread), d))
+    assert np.square(off).mean() < 0.4 * np.square(raw).mean()
+    # Two degrees of freedom each; a sine of 1 m/s^2 is about as wild as the model takes people to be.
+    assert 1.0 < np.mean(sigmas2) < 3.0

@@ -6,6 +6,7 @@ import struct
 from datetime import UTC, datetime
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -14,7 +15,6 @@ from passerby.common.errors import InputError
 from passerby.findings.finding import Finding
 from passerby.findings.texts import text_of
 from passerby.interchange.video_writer import VideoWriter
-from passerby.perception.file_reading import FileReading
 from passerby.perception.kept import VideoFilesState, video_identity
 from passerby.perception.sources import recording as recordings
 from passerby.perception.sources.files import VideoSource, WallSpan
@@ -24,8 +24,6 @@ from passerby.perception.video_still import still
 from support.scenes.numbered_videos import SIZE, number_in, numbered
 
 FPS = 10
-
-
 BEGIN = datetime(2026, 11, 22, 8, 0, 0, tzinfo=UTC).timestamp()
 
 
@@ -37,9 +35,9 @@ def film(path: Path, first: int, count: int, fps: float = FPS, size: tuple[int, 
     return path
 
 
-def frigate(folder: Path, second: float, camera: str = "north") -> Path:
+def frigate(folder: Path, second: float) -> Path:
     time = datetime.fromtimestamp(BEGIN + int(second), UTC)
-    return folder / f"{time:%Y-%m-%d}" / f"{time:%H}" / camera / f"{time:%M.%S}.mp4"
+    return folder / f"{time:%Y-%m-%d}" / f"{time:%H}" / "north" / f"{time:%M.%S}.mp4"
 
 
 def read(info, **options) -> list[tuple[int, int]]:  # type: ignore[no-untyped-def]
@@ -57,23 +55,8 @@ def codes(findings: tuple[Finding, ...]) -> list[str]:
     return [finding.code for finding in findings]
 
 
-@pytest.fixture(scope="module")
-def layout(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five pieces of two seconds, from 0.4 s after a whole second on."""
-    folder = tmp_path_factory.mktemp("frigate") / "recordings"
-    for piece in range(5):
-        film(frigate(folder, 0.4 + 2 * piece), 1 + 20 * piece, 20)
-    return folder
-
-
 def north(folder: Path) -> VideoSource:
     return VideoSource((folder / "*" / "*" / "north" / "*.mp4",))
-
-
-@pytest.fixture(scope="module")
-def untimed(layout: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same pieces, called part9 to part13."""
-    return renamed(layout, tmp_path_factory.mktemp("untimed"), [f"part{number}" for number in range(9, 14)])
 
 
 def renamed(layout: Path, folder: Path, names: list[str]) -> Path:
@@ -86,10 +69,25 @@ def copied(folder: Path, tmp_path: Path) -> Path:
     return shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
 
 
-def test_one_file_stays_one_file(tmp_path: Path) -> None:
-    whole = film(tmp_path / "whole.mp4", 1, 100)
-    found = open_source(VideoSource((whole,)))
-    assert (found.info.pieces, found.info.files, found.findings, read(found.info)) == ((), (whole,), (), same(1, 100))
+@pytest.fixture(scope="module")
+def layout(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five pieces of two seconds, from 0.4 s after a whole second on."""
+    folder = tmp_path_factory.mktemp("frigate") / "recordings"
+    for piece in range(5):
+        film(frigate(folder, 0.4 + 2 * piece), 1 + 20 * piece, 20)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def untimed(layout: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same pieces, called part9 to part13."""
+    return renamed(layout, tmp_path_factory.mktemp("untimed"), [f"part{number}" for number in range(9, 14)])
+
+
+def test_one_file_stays_one_file(untimed: Path) -> None:
+    piece = untimed / "part9.mp4"
+    found = open_source(VideoSource((piece,)))
+    assert (found.info.pieces, found.info.files, found.findings, read(found.info)) == ((), (piece,), (), same(1, 20))
 
 
 @pytest.mark.parametrize("named", [("",), ("part*.mp4",), ("part%d.mp4",), tuple(f"part{n}.mp4" for n in (13, 9, 10, 11, 12))])
@@ -104,7 +102,7 @@ def test_pieces_without_times_follow_at_once(untimed: Path, named: tuple[str, ..
     assert (expected_count(info, 2.0), expected_count(info)) == (20, 100)
 
 
-def test_names_tell_where_pieces_lie(layout: Path) -> None:
+def test_names_state_where_pieces_lie(layout: Path, tmp_path: Path) -> None:
     found = open_source(north(layout), "north")
     assert (found.findings, read(found.info)) == ((), same(1, 100))
     assert found.info.wall.utc
@@ -114,6 +112,11 @@ def test_names_tell_where_pieces_lie(layout: Path) -> None:
     info = rebased(found.info, BEGIN - 60)
     assert read(info) == same(1, 100, 10 * 60 + round(10 * (found.info.wall.seconds - BEGIN)))
     assert info.wall.text == "2026-11-22T07:59:00+00:00"
+    # By a pattern of the user's own.
+    renamed(layout, tmp_path, [f"x0800{2 * piece:02}-22.11.26" for piece in range(5)])
+    assert read(open_source(VideoSource((tmp_path,), names="x%H%M%S-%d.%m.%y.mp4")).info) == same(1, 100)
+    with pytest.raises(InputError, match="is not built as video_names"):
+        open_source(VideoSource((tmp_path,), names="x%H%M%S-%d.%m.%Y.mp4"))
 
 
 def test_missing_broken_and_cut_pieces_leave_gaps(layout: Path, tmp_path: Path) -> None:
@@ -141,25 +144,22 @@ def test_a_piece_that_breaks_while_it_is_read_is_counted(untimed: Path, tmp_path
     assert reader.decoded.failed_pieces + reader.decoded.broken >= 2
 
 
-def test_overlapping_pieces_show_each_picture_once(tmp_path: Path) -> None:
+def test_overlapping_pieces_show_each_picture_once_and_those_of_another_size_or_rate_are_left_out(layout, tmp_path) -> None:
     for piece in range(4):
-        film(frigate(tmp_path, 3 * piece), 1 + 30 * piece, 40 if piece < 3 else 30)
-    found = open_source(north(tmp_path), "north")
+        film(frigate(tmp_path / "a", 3 * piece), 1 + 30 * piece, 40 if piece < 3 else 30)
+    found = open_source(north(tmp_path / "a"), "north")
     assert "pieces_overlap" in codes(found.findings)
     assert read(found.info) == same(1, 120)
-
-
-def test_pieces_of_another_size_or_rate_are_left_out(layout: Path, tmp_path: Path) -> None:
-    copied(layout, tmp_path)
-    film(frigate(tmp_path, 2), 21, 20, size=(48, 32))
-    film(frigate(tmp_path, 6), 61, 40, fps=20)
-    found = open_source(north(tmp_path), "north")
+    copied(layout, tmp_path / "b")
+    film(frigate(tmp_path / "b", 2), 21, 20, size=(48, 32))
+    film(frigate(tmp_path / "b", 6), 61, 40, fps=20)
+    found = open_source(north(tmp_path / "b"), "north")
     assert (codes(found.findings), found.findings[0].values["count"]) == (["pieces_differ", "recording_gaps"], 2)
     assert read(found.info) == same(1, 20) + same(41, 60) + same(81, 100)
 
 
-def test_mixed_cameras_are_an_error(layout: Path, tmp_path: Path) -> None:
-    """Of different sizes, or at the same times."""
+def test_mixed_cameras_broken_videos_and_pictures_beside_videos_are_errors(layout: Path, tmp_path: Path) -> None:
+    """Cameras of different sizes, or at the same times."""
     (tmp_path / "mixed").mkdir()
     renamed(layout, tmp_path / "mixed", [f"part{piece}" for piece in range(5)])
     for piece in range(3):
@@ -170,16 +170,14 @@ def test_mixed_cameras_are_an_error(layout: Path, tmp_path: Path) -> None:
         shutil.copytree(path, path.with_name("south"))
     with pytest.raises(InputError, match="several cameras"):
         open_source(VideoSource((tmp_path / "two",)))
-
-
-def test_all_broken_videos_and_pictures_beside_them_are_errors(tmp_path: Path) -> None:
+    (tmp_path / "broken").mkdir()
     for name in ("a.mp4", "b.mp4"):
-        (tmp_path / name).write_bytes(b"no video")
+        (tmp_path / "broken" / name).write_bytes(b"no video")
     with pytest.raises(InputError, match=r"none of its 2 videos can be read; the first, a\.mp4"):
-        open_source(VideoSource((tmp_path,)))
-    cv2.imwrite(str(tmp_path / "a.png"), numbered(1))
+        open_source(VideoSource((tmp_path / "broken",)))
+    cv2.imwrite(str(tmp_path / "broken" / "a.png"), numbered(1))
     with pytest.raises(InputError, match=r"2 videos .* and 1 images"):
-        open_source(VideoSource((tmp_path,)))
+        open_source(VideoSource((tmp_path / "broken",)))
     with pytest.raises(InputError, match="no video and no image matches"):
         open_source(VideoSource((tmp_path / "c*.mp4",)))
 
@@ -198,49 +196,67 @@ def test_a_file_that_grows_is_an_error(untimed: Path, tmp_path: Path, monkeypatc
         open_source(VideoSource((tmp_path,)))
 
 
-def test_a_span_opens_its_pieces_only(layout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    opened = []
-    probe = recordings.probe
-    monkeypatch.setattr(recordings, "probe", lambda path: opened.append(path) or probe(path))
-    source = VideoSource(north(layout).paths, span=WallSpan(BEGIN + 3, BEGIN + 6))
-    info = open_source(source).info
-    assert [path.name for path in opened] == ["00.02.mp4", "00.04.mp4", "00.06.mp4"]
-    shown = [seen for _, seen in read(info)]
+def test_a_span_opens_its_pieces_only_and_enters_a_long_one_by_a_key_frame(layout: Path, tmp_path: Path) -> None:
+    """Pieces that cannot be read do not matter outside of the span."""
+    source = VideoSource(north(copied(layout, tmp_path / "some")).paths, span=WallSpan(BEGIN + 3, BEGIN + 6))
+    for path in sorted((tmp_path / "some").rglob("*.mp4"))[::4]:
+        path.write_bytes(b"")
+    found = open_source(source)
+    assert (found.findings, found.info.seconds) == ((), pytest.approx(3.0))
+    shown = [seen for _, seen in read(found.info)]
     assert shown == list(range(shown[0], shown[-1] + 1))
     assert 25 <= shown[0] <= 31
     assert 55 <= shown[-1] <= 61
-    assert info.seconds == pytest.approx(3.0)
     with pytest.raises(InputError, match=r"no file in the span .* from 2026-11-22T08:00:00\+00:00"):
-        open_source(VideoSource(north(layout).paths, span=WallSpan(BEGIN - 900, BEGIN - 800)))
-
-
-def test_a_span_of_a_long_piece_is_entered_by_a_key_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        open_source(VideoSource(source.paths, span=WallSpan(BEGIN - 900, BEGIN - 800)))
     folder = tmp_path / "north"
     film(folder / "20261122_080000.mp4", 1, 250, fps=5)
     film(folder / "20261122_080050.mp4", 1, 5, fps=5)
     whole = open_source(VideoSource((folder,))).info
-    begin = whole.wall.seconds
-    span = WallSpan(begin + 40.0, begin + 44.0)
-    decoded = []
-    counted = FileReading._count
-    monkeypatch.setattr(FileReading, "_count", lambda self, frame: decoded.append(1) or counted(self, frame))
-    info = open_source(VideoSource((folder,), span=span)).info
-    assert read(info) == same(201, 221)
-    assert len(decoded) < 60
-    decoded.clear()
-    assert read(whole, after=230) == [*same(231, 250), *((250 + number, number) for number in range(1, 6))]
-    assert len(decoded) < 60
+    span = WallSpan(whole.wall.seconds + 40.0, whole.wall.seconds + 44.0)
+    reader = VideoReader(open_source(VideoSource((folder,), span=span)).info)
+    assert [(frame.number, number_in(frame.picture)) for frame in reader] == same(201, 221)
+    assert reader.decoded.pictures < 60
+    reader = VideoReader(whole, after=230)
+    rest = [*same(231, 250), *((250 + number, number) for number in range(1, 6))]
+    assert [(frame.number, number_in(frame.picture)) for frame in reader] == rest
+    assert reader.decoded.pictures < 60
 
 
-def test_names_by_a_pattern(layout: Path, tmp_path: Path) -> None:
-    renamed(layout, tmp_path, [f"x0800{2 * piece:02}-22.11.26" for piece in range(5)])
-    found = open_source(VideoSource((tmp_path,), names="x%H%M%S-%d.%m.%y.mp4"))
-    assert read(found.info) == same(1, 100)
-    with pytest.raises(InputError, match="is not built as video_names"):
-        open_source(VideoSource((tmp_path,), names="x%H%M%S-%d.%m.%Y.mp4"))
+def recorded(folder: Path, names: tuple[str, ...], created: tuple[int | None, ...]) -> tuple[list[float], set[str]]:
+    """Where pieces that state when they were created begin, and the codes of what is odd about them."""
+    folder.mkdir()
+    for number, (name, offset) in enumerate(zip(names, created, strict=True)):
+        with av.open(str(folder / name), "w") as container:
+            if offset is not None:
+                container.metadata["creation_time"] = f"{datetime.fromtimestamp(BEGIN + offset, UTC):%Y-%m-%dT%H:%M:%S}.000000Z"
+            video = container.add_stream("mpeg4", rate=FPS)
+            video.width, video.height, video.pix_fmt = 32, 32, "yuv420p"
+            for level in range((4 if number < len(names) - 1 else 2) * FPS):
+                container.mux(video.encode(av.VideoFrame.from_ndarray(np.full((32, 32, 3), level, np.uint8))))
+            container.mux(video.encode())
+    found = open_source(VideoSource((folder,)), "a")
+    assert [piece.path.name for piece in found.info.pieces] == list(names)
+    return [piece.begin_s for piece in found.info.pieces], {finding.code for finding in found.findings}
 
 
-# --- pictures -------------------------------------------------------------------------------------------------------------
+def test_chapters_of_a_makers_scheme_follow_at_once_and_one_that_is_missing_is_reported(tmp_path: Path) -> None:
+    names = ("GX010012.MP4", "GX020012.MP4", "GX030012.MP4")
+    assert recorded(tmp_path / "whole", names, (None,) * 3) == (pytest.approx([0.0, 4.0, 8.0]), set())
+    assert recorded(tmp_path / "some", names[::2], (None, None))[1] == {"pieces_untimed"}
+
+
+@pytest.mark.parametrize(
+    ("created", "shown", "code"),
+    [
+        ((0, 4, 60), [0.0, 4.0, 60.0], "recording_gaps"),
+        *((times, [0.0, 4.0, 8.0], "pieces_untimed") for times in ((0, 0, 0), (300, 303, 305), (20, 10, 0), (0, 4, None))),
+    ],
+    ids=["a gap", "start", "copies", "back", "one"],
+)
+def test_creation_times_show_gaps_but_those_that_cannot_be_of_pieces_are_not_used(tmp_path, created, shown, code):
+    begins, codes = recorded(tmp_path / "a", ("walk_1.mp4", "walk_2.mp4", "walk_3.mp4"), created)
+    assert (begins, codes) == (pytest.approx(shown, abs=0.6 if code == "recording_gaps" else 1e-6), {code})
 
 
 def images(folder: Path, names: dict[str, int], size: tuple[int, int] = SIZE) -> Path:
@@ -264,7 +280,7 @@ def test_numbered_pictures_keep_their_numbers(tmp_path: Path) -> None:
     assert read(open_source(VideoSource((folder,), fps=5.0)).info) == [(n + 1, n) for n in range(10)]
 
 
-def test_a_table_tells_times(tmp_path: Path) -> None:
+def test_a_table_states_times(tmp_path: Path) -> None:
     folder = images(tmp_path / "images", {f"{name}.jpg": n for n, name in enumerate("abcd", start=1)})
     table = tmp_path / "times.csv"
 
@@ -297,7 +313,7 @@ def with_exif(path: Path, taken: str, below: str, orientation: int = 1) -> None:
     path.write_bytes(jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(segment) + 2) + segment + jpeg[2:])
 
 
-def test_exif_tells_times_and_which_way_up_pictures_stand(tmp_path: Path) -> None:
+def test_exif_states_times_and_which_way_up_pictures_stand(tmp_path: Path) -> None:
     folder = images(tmp_path / "a", {"IMG_8812.jpg": 1, "IMG_8815.jpg": 2, "IMG_0001.jpg": 3})
     for name, second, below in (("IMG_8812.jpg", 0, "25"), ("IMG_8815.jpg", 0, "75"), ("IMG_0001.jpg", 2, "25")):
         with_exif(folder / name, f"2026:11:22 08:00:{second:02}", below)
@@ -320,9 +336,6 @@ def test_broken_pictures_and_others_sizes_are_left_out(tmp_path: Path) -> None:
     assert codes(found.findings) == ["pieces_unreadable", "pieces_differ"]
     reader = VideoReader(found.info)
     assert ([frame.number for frame in reader], reader.decoded.failed_pieces) == ([1, 2, 4, 6, 8], 1)
-
-
-# --- what others make of them -----------------------------------------------------------------------------------------------
 
 
 def test_a_still_of_a_piece_and_of_pictures(layout: Path, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ def write_wildtrack(folder: Path, frames: int = 12, people: int = 10, pictures: 
     for camera, label in zip(rig, WILDTRACK_LABELS, strict=True):
         distorted = np.array([-0.4, 0.6, 0.008, 0.002, -0.7])
         for kind, distortions in (("intrinsic_zero", np.zeros(5)), ("intrinsic_original", distorted)):
-            _write_storage(
+            write_storage(
                 folder / "calibrations" / kind / f"intr_{label}.xml",
                 camera_matrix=camera.lens.matrix, distortion_coefficients=distortions[None],
             )  # fmt: skip
@@ -51,11 +51,11 @@ def write_multiviewx(folder: Path, frames: int = 12, people: int = 10, pictures:
     for number, camera in enumerate(rig, start=1):
         assert camera.pose is not None
         turned = -camera.pose.R_cw * MIRROR
-        _write_storage(
+        write_storage(
             folder / "calibrations" / "intrinsic" / f"intr_Camera{number}.xml",
             camera_matrix=camera.lens.matrix, distortion_coefficients=camera.lens.distortions[None],
         )  # fmt: skip
-        _write_storage(
+        write_storage(
             folder / "calibrations" / "extrinsic" / f"extr_Camera{number}.xml",
             rvec=cv2.Rodrigues(turned)[0], tvec=-camera.pose.t_cw[:, None],
         )  # fmt: skip
@@ -70,7 +70,7 @@ def annotation(folder: Path, number: int = 0) -> Path:
     return sorted((folder / "annotations_positions").iterdir())[number]
 
 
-def _write_storage(path: Path, **matrices: np.ndarray) -> None:
+def write_storage(path: Path, **matrices: np.ndarray) -> None:
     """OpenCV's own XML."""
     path.parent.mkdir(parents=True, exist_ok=True)
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)

@@ -5,6 +5,7 @@ import time
 LAPTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 PATIENCE_S = 120
 """A busy machine without a graphics card is slow; this only bounds a test that fails."""
+OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 WITHOUT_WEBGL = """const usual = HTMLCanvasElement.prototype.getContext;
     HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
         return kind.includes("webgl") ? null : usual.call(this, kind, ...more);
@@ -12,15 +13,14 @@ WITHOUT_WEBGL = """const usual = HTMLCanvasElement.prototype.getContext;
 
 
 class OpenedFile:
-    """A page of a report, without WebGL, which takes seconds; `before` runs before the page's own scripts."""
+    """A page of a report, without WebGL, which takes seconds, unless asked for; `before` runs before the page's scripts."""
 
-    def __init__(self, browser, path, size=LAPTOP, scheme="light", fragment="", before="", **more):
+    def __init__(self, browser, path, size=LAPTOP, scheme="light", fragment="", before="", webgl=False, **more):
         self.path = path
-        context = browser.new_context(viewport=size, color_scheme=scheme, reduced_motion="reduce", **more)
+        context = browser.new_context(viewport=size, color_scheme=scheme, **{"reduced_motion": "reduce", **more})
         context.set_default_timeout(1000 * PATIENCE_S)
-        context.add_init_script(WITHOUT_WEBGL)
-        if before:
-            context.add_init_script(before)
+        for script in filter(None, ("" if webgl else WITHOUT_WEBGL, before)):
+            context.add_init_script(script)
         self.page, self.said, self.fetched = context.new_page(), [], []
         self.page.on("console", lambda one: self.said.append(one.text) if one.type == "error" else None)
         self.page.on("pageerror", lambda error: self.said.append(str(error)))

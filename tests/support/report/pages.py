@@ -15,6 +15,10 @@ from passerby.report.contents import Contents
 from support.scenes.people_and_rigs import ring
 
 PEOPLE_IN_VIEW = 4
+HOSTILE = (
+    "<script>alert(1)</script>", "</script><img src=x onerror=alert(2)>", "\"'><b onmouseover=alert(3)>", "Küche %{x} Ⅲ 🎥",
+)  # fmt: skip
+"""Names of cameras."""
 
 
 class Page(HTMLParser):
@@ -76,20 +80,16 @@ class Page(HTMLParser):
         return [dict(zip(self.heads[table], row, strict=True)) for row in self.tables[table]]
 
 
-def solved(scene, name, change):
-    """Calibrate a variant of a scene: (calibration, output folder)."""
+def solved(scene, name, dropped, change=str):
+    """Calibrate a variant of a scene, without the lines that set a key and changed: (calibration, output folder)."""
     import passerby
 
     path, out = scene / f"{name}.toml", scene.parent / name
-    path.write_text(change((scene / "scene.toml").read_text()))
+    lines = (scene / "scene.toml").read_text().splitlines(keepends=True)
+    path.write_text(change("".join(line for line in lines if not line.startswith(f"{dropped} ="))))
     calibration = passerby.calibrate(path)
     calibration.write(out)
     return calibration, out
-
-
-def without(text, key):
-    """A scene file without the lines that set a key."""
-    return "".join(line + "\n" for line in text.splitlines() if not line.startswith(f"{key} ="))
 
 
 def named(contents, names):
@@ -178,35 +178,35 @@ def _stays(rng, frames, share, fps):
 
 
 def _told(rig, seen, people, fps):
-    """What `calibration.json` would hold."""
-    names = rig.names
-    cameras = [
-        {
-            "name": camera.name, "registered": True, "centre_m": camera.centre.tolist(), "height_m": float(camera.centre[2]),
-            "position_sigma_mm": 170.0, "orientation_sigma_deg": 0.3, "boxes": len(seen[camera.name].boxes), "keypoints": 0,
-            "people": people, "median_residual_px": 2.0, "fps": fps, "time_offset_s": 0.0, "time_offset_sigma_s": 0.01,
-        }
-        for camera in rig
-    ]  # fmt: skip
-    pairs = [
-        {"cameras": [a, b], "route": "ground", "inliers": 300, "matches": 400, "support": 0.9}
-        for place, a in enumerate(names)
-        for b in names[place + 1 :]
-    ]
+    """What `calibration.json` would hold of a busy place."""
+    pairs = [(a, b, 300) for place, a in enumerate(rig.names) for b in rig.names[place + 1 :]]
     cue = {
         "cue": f"population of {people}", "kind": "population", "count": people, "stated_m": 1.72, "measured_m": 1.7,
-        "sd_m": 0.05, "residual_sigmas": -0.4,
-        "share": 1.0,
+        "sd_m": 0.05, "residual_sigmas": -0.4, "share": 1.0,
     }  # fmt: skip
+    heights = {who: 1.5 + 0.4 * who / people for who in range(1, people + 1)}
+    return calibration_tables("busy", rig, seen, fps, pairs, heights, [cue])
+
+
+def calibration_tables(name, rig, seen, fps, pairs, heights, cues=()):
+    """What `calibration.json` would hold; pairs are of two names and the number of inliers."""
+    cameras, posed = [], [camera.name for camera in rig if camera.pose is not None]
+    for camera in rig:
+        boxes = seen[camera.name].boxes
+        told = {"name": camera.name, "registered": camera.pose is not None, "boxes": len(boxes), "keypoints": 0}
+        told |= {"people": len(set(boxes.identity.tolist())), "fps": fps, "time_offset_s": 0.0, "time_offset_sigma_s": 0.01}
+        if camera.pose is not None:
+            told |= {"centre_m": camera.centre.tolist(), "height_m": float(camera.centre[2]), "median_residual_px": 2.0}
+            told |= {"position_sigma_mm": 170.0, "orientation_sigma_deg": 0.3}
+        cameras.append(told)
     figures = {
-        "cameras": [{"name": name, "shape_position_sigma_mm": 30.0, "median_residual_px": 2.0} for name in names],
-        "pairs": pairs,
-        "people": {"identities": people, "heights_m": {str(who): 1.5 + 0.4 * who / people for who in range(1, people + 1)}},
-        "scale": {"relative_sigma": 0.03, "cues": [cue]},
-        "vertical_sigma_deg": 0.2,
-    }
+        "cameras": [{"name": one, "shape_position_sigma_mm": 30.0, "median_residual_px": 2.0} for one in posed],
+        "pairs": [{"cameras": [a, b], "route": "ground", "inliers": n, "matches": 400, "support": 0.9} for a, b, n in pairs],
+        "people": {"identities": len(heights), "heights_m": {str(who): height for who, height in heights.items()}},
+        "scale": {"relative_sigma": 0.03, "cues": list(cues)}, "vertical_sigma_deg": 0.2,
+    }  # fmt: skip
     scale = {"person_height_m": 1.72, "person_height_sd_m": 0.09}
     return {
-        "name": "busy", "verdict": "accepted", **diagnosed(), "cameras": cameras, "method": "people", "seed": 0,
-        "association": {"mode": "given"}, "figures": figures, "scene": {"scale": scale},
+        "name": name, "verdict": "accepted", **diagnosed(), "cameras": cameras, "method": "people", "seed": 0,
+        "figures": figures, "association": {"mode": "given"}, "scene": {"scale": scale},
     }  # fmt: skip

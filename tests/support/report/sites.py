@@ -8,7 +8,7 @@ import numpy as np
 from passerby.core.cameras import Camera, PoseSigma, Rig
 from passerby.core.observations import Clock, Observations
 from passerby.report.contents import Contents
-from support.report.pages import diagnosed, document_of
+from support.report.pages import calibration_tables, diagnosed, document_of
 from support.scenes.people_and_rigs import LENS, looking_at, observe
 
 HALL_M, STREET_M = (20.0, 14.0), 8.0
@@ -19,7 +19,7 @@ PEOPLE, HEIGHT_M = 3, 1.72
 
 
 def site(cameras, seconds=20.0, seed=0, problems=(), lost=(), stated=None, groups=None):
-    """Contents of so many cameras, four in the corners of each hall; neighbouring halls share nobody but who walks over.
+    """Contents of so many cameras, four in the corners of each hall; neighbouring halls share only people who walk over.
 
     Args:
         cameras: how many.
@@ -47,7 +47,13 @@ def site(cameras, seconds=20.0, seed=0, problems=(), lost=(), stated=None, group
         seen |= observe(Rig((camera,)), at[near], heights, when[near], who[near])
     rig = Rig(tuple(replace(one, pose=None, sigma=None) if one.name in lost else one for one in rig), "accepted")
     clocks = {name: Clock(FPS) for name in rig.names}
-    tables = _told(rig, seen, PEOPLE * halls, stated, groups) | diagnosed(*problems)
+    pairs = [(a, b, 300 - place % 200) for place, (a, b) in enumerate(pairwise(rig.posed().names))]
+    heights = dict.fromkeys(range(1, PEOPLE * halls + 1), HEIGHT_M)
+    tables = calibration_tables("site", rig, seen, FPS, pairs, heights) | diagnosed(*problems)
+    if stated is not None:
+        tables["scene"]["sites"] = {"groups": stated}
+    if groups is not None:
+        tables["groups"] = groups
     return Contents(document_of(tables), rig, Observations(seen, FPS, clocks), clocks, {})
 
 
@@ -74,36 +80,3 @@ def _walk(rng, low, count):
     ends = low + rng.uniform(0.15, 0.85, (2, 2)) * HALL_M
     share = 0.5 + 0.5 * np.sin(np.linspace(0, rng.uniform(2, 6), count) + rng.uniform(0, 6))
     return ends[0] + share[:, None] * (ends[1] - ends[0])
-
-
-def _told(rig, seen, people, stated, groups):
-    """What `calibration.json` would hold."""
-    cameras = [
-        {
-            "name": camera.name, "registered": camera.pose is not None, "boxes": len(seen[camera.name].boxes), "keypoints": 0,
-            "fps": FPS, "time_offset_s": 0.0, "time_offset_sigma_s": 0.01,
-            **({} if camera.pose is None else {
-                "centre_m": camera.centre.tolist(), "position_sigma_mm": 170.0, "orientation_sigma_deg": 0.3,
-                "median_residual_px": 2.0,
-            }),
-        }
-        for camera in rig
-    ]  # fmt: skip
-    names = rig.posed().names
-    pairs = [
-        {"cameras": [a, b], "route": "ground", "inliers": 300 - place % 200, "matches": 400, "support": 0.9}
-        for place, (a, b) in enumerate(pairwise(names))
-    ]
-    figures = {
-        "cameras": [{"name": name, "shape_position_sigma_mm": 30.0, "median_residual_px": 2.0} for name in names],
-        "pairs": pairs,
-        "people": {"identities": people, "heights_m": {str(who): HEIGHT_M for who in range(1, people + 1)}},
-        "scale": {"relative_sigma": 0.03, "cues": []},
-    }
-    return {
-        "name": "site", "verdict": "accepted", "cameras": cameras, "method": "people", "seed": 0,
-        "association": {"mode": "given"}, "figures": figures,
-        "scene": {"scale": {"person_height_m": HEIGHT_M, "person_height_sd_m": 0.09},
-                  **({} if stated is None else {"sites": {"groups": stated}})},
-        **({} if groups is None else {"groups": groups}),
-    }  # fmt: skip
