@@ -28,8 +28,7 @@ SIZE, FOCAL = (1920, 1080), 1000.0
 NOISE_PX, START_ROTATION_RAD, START_POSITION_M = 1.0, 0.03, 0.2
 LOSS_SCALE_PX = 2.0
 THREADS = 2
-SAME_STOP = 1e-8
-"""Share of the cost below which an iteration ends the descent: Passerby's own tolerance, given to pycolmap too."""
+SAME_STOP = 1e-8  # share of the cost below which an iteration ends the descent: Passerby's own tolerance, given to pycolmap too
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +36,9 @@ class BundleProblem:
     """Cameras, points and their pictures, and where both solvers start."""
 
     lens: Lens
-    poses: tuple[Pose, ...]
-    """Where the descent starts."""
-    points: Floats
-    """(N, 3) where the descent starts, metres."""
-    pixels: Floats
-    """(C, N, 2) sightings: every camera sees every point."""
+    poses: tuple[Pose, ...]  # where the descent starts
+    points: Floats  # (N, 3) where the descent starts, metres
+    pixels: Floats  # (C, N, 2) sightings: every camera sees every point
 
 
 def make_problem(seed: int = 0) -> BundleProblem:
@@ -86,12 +82,9 @@ def passerby_observations(problem: BundleProblem) -> PointObservations:
     pixels = problem.pixels.reshape(-1, 2)
     bearing = problem.lens.bearings(pixels)
     return PointObservations(
-        camera=np.repeat(np.arange(CAMERAS), POINTS),
-        point=np.tile(np.arange(POINTS), CAMERAS),
-        bearing=bearing,
-        tangent=problem.lens.tangents(bearing),
-        sigma_px=np.ones(len(pixels)),
-    )
+        camera=np.repeat(np.arange(CAMERAS), POINTS), point=np.tile(np.arange(POINTS), CAMERAS), bearing=bearing,
+        tangent=problem.lens.tangents(bearing), sigma_px=np.ones(len(pixels)),
+    )  # fmt: skip
 
 
 def run_passerby(problem: BundleProblem, loss_scale_px: float | None) -> tuple[float, PointAdjustment]:

@@ -31,14 +31,10 @@ class Outcome:
     """What a tool made of a format's files."""
 
     name: str
-    tool: str
-    """With its version."""
-    lenses: tuple[str, ...]
-    """The kinds that the format holds."""
-    read_px: float | None = None
-    """Largest difference of what the tool has read; None: see `failure`."""
-    back_px: float | None = None
-    """The same of what the tool wrote itself and Passerby read; None: it does not write."""
+    tool: str  # with its version
+    lenses: tuple[str, ...]  # the kinds that the format holds
+    read_px: float | None = None  # largest difference of what the tool has read; None: see `failure`
+    back_px: float | None = None  # the same of what the tool wrote itself and Passerby read; None: it does not write
     failure: str = ""
 
 
@@ -80,12 +76,9 @@ def outcome(name: str, module: ModuleType, scratch: Path) -> Outcome:
         return Outcome(name, module.TOOL, lenses, failure="not run: environment not made, `python benchmarks/formats.py`")
     result = scratch / name / "result.json"
     command = [
-        str(python),
-        str(HERE / "run_check.py"),
-        module.__name__.split(".")[-1],
-        str(result),
+        str(python), str(HERE / "run_check.py"), module.__name__.split(".")[-1], str(result),
         *(str(folder) for _, _, folder in cases),
-    ]
+    ]  # fmt: skip
     ended = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
     if ended.returncode != 0:
         last = (ended.stderr.strip().splitlines() or ["no word"])[-1]

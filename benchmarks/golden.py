@@ -27,8 +27,7 @@ GOLDEN = ROOT / "tests" / "golden"
 KEPT = ("verdict", "reasons", "findings", "cameras", "unregistered")
 KEPT_FIGURES = ("scale", "clocks", "association", "clock_corrections", "moved", "undetermined", "tree")
 TOLERANCE = 1e-9
-SMALL = 1e-9
-"""Differences below this count for nothing in numbers near zero: metres, radians, seconds."""
+SMALL = 1e-9  # differences below this count for nothing in numbers near zero: metres, radians, seconds
 TIMINGS = ("seconds", "elapsed")
 
 SIMULATED: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {

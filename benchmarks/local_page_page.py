@@ -8,27 +8,16 @@ from typing import Any
 import numpy as np
 
 from datasets import ROOT
+from goals import goal_row
 from local_page import clicks, first, kills
 from pages.cases import Outcomes
 from pages.parts import Cases, Part, PartedPage, found_of
 from pages.records import Found
-from pages.tables import number, reached, table
+from pages.tables import number, table
 
-CODE = ("local_page",)
-"""Folders of the benchmarks that the outcomes depend on, beside the package."""
+CODE = ("local_page",)  # folders of the benchmarks that the outcomes depend on, beside the package
 KEPT = ROOT / "build" / "page" / "kept"
-FILES = ROOT / "build" / "page"
-"""The demonstration, the films and the scene that the cases copy."""
-
-GOALS_CLICKS = (
-    ("six clicks: error of the scale, median", "0.8 %", "0.4 %"),
-    ("six clicks: error of the heading, median", "0.8°", "0.4°"),
-    ("solving again, 4 cameras, 60 s, median", "8 s", "3 s"),
-    ("requests to other hosts, errors of the console", "0", "0"),
-    ("serious faults of accessibility by axe-core", "0", "0"),
-)
-GOAL_FIRST = ("first picture, 16 cameras, an hour, median", "2 s", "0.7 s")
-GOALS_KILLS = (("acknowledged marks that are missing after 30 kills", "0", "0"), ("half files after 30 kills", "0", "0"))
+FILES = ROOT / "build" / "page"  # the demonstration, the films and the scene that the cases copy
 
 
 def tabulate_clicks(cases: Cases, done: Outcomes) -> Found:
@@ -48,16 +37,19 @@ def tabulate_clicks(cases: Cases, done: Outcomes) -> Found:
     complaints = sum(len(case["errors"]) + len(case["foreign"]) for case in some)
     faults = sorted({fault for case in some for fault in case["faults"]})
     most = max(case["clicks"] for case in some)
-    values = [
-        _goal(GOALS_CLICKS[0], float(np.median(scale)), f"{np.median(scale):.2f} %", 0.8, 0.4),
-        _goal(GOALS_CLICKS[1], float(np.median(heading)), f"{np.median(heading):.2f}°", 0.8, 0.4),
-        _goal(GOALS_CLICKS[2], float(np.median(seconds)), f"{np.median(seconds):.1f} s", 8.0, 3.0),
-        _goal(GOALS_CLICKS[3], complaints, str(complaints), 0, 0),
-        _goal(GOALS_CLICKS[4], len(faults), str(len(faults)), 0, 0),
+    goals = [
+        goal_row(text, (acceptable, aim), said, [value], [float(acceptable.strip(" %°s"))], [float(aim.strip(" %°s"))])
+        for text, acceptable, aim, value, said in (
+            ("six clicks: error of the scale, median", "0.8 %", "0.4 %", np.median(scale), f"{np.median(scale):.2f} %"),
+            ("six clicks: error of the heading, median", "0.8°", "0.4°", np.median(heading), f"{np.median(heading):.2f}°"),
+            ("solving again, 4 cameras, 60 s, median", "8 s", "3 s", np.median(seconds), f"{np.median(seconds):.1f} s"),
+            ("requests to other hosts, errors of the console", "0", "0", complaints, str(complaints)),
+            ("serious faults of accessibility by axe-core", "0", "0", len(faults), str(len(faults))),
+        )
     ]
     notes = [f"{most} clicks each at most. {_load(some)}"]
     notes += ["Faults of accessibility:\n" + "".join(f"\n- {fault}" for fault in faults)] if faults else []
-    return found_of(cases, done, {"Result": table(("", "median", "largest"), rows)}, values, notes)
+    return found_of(cases, done, {"Result": table(("", "median", "largest"), rows)}, goals, notes)
 
 
 _CPU = ("processor time of the server until the first picture", "first_cpu_s")
@@ -73,7 +65,9 @@ def tabulate_first(cases: Cases, done: Outcomes) -> Found:
         values = np.array([case[key] for case in some])
         rows.append([name, *(number(float(value), 2) for value in (values.min(), np.median(values), values.max()))])
     median = float(np.median([case["first_s"] for case in some]))
-    goals = [_goal(GOAL_FIRST, median, f"{median:.2f} s", 2.0, 0.7)]
+    goals = [
+        goal_row("first picture, 16 cameras, an hour, median", ("2 s", "0.7 s"), f"{median:.2f} s", [median], [2.0], [0.7])
+    ]
     return found_of(cases, done, {"Result": table(("seconds", "least", "median", "most"), rows)}, goals, [_load(some)])
 
 
@@ -88,27 +82,16 @@ def tabulate_kills(cases: Cases, done: Outcomes) -> Found:
         marked, unacknowledged, temporary = map(str, rest)
         rows.append([name, str(len(some)), marked, str(missing), unacknowledged, str(half), temporary])
     heads = (
-        "killed while",
-        "kills",
-        "acknowledged",
-        "missing",
-        "written, not acknowledged",
-        "half files",
-        "temporary files left",
-    )
-    values = (lost, broken)
-    goals = [_goal(goal, value, str(value), 0, 0) for goal, value in zip(GOALS_KILLS, values, strict=True)] if done else []
+        "killed while", "kills", "acknowledged", "missing", "written, not acknowledged", "half files", "temporary files left",
+    )  # fmt: skip
+    counts = {"acknowledged marks that are missing after 30 kills": lost, "half files after 30 kills": broken}
+    goals = [goal_row(text, ("0", "0"), str(count), [count], [0], [0]) for text, count in counts.items()] if done else []
     return found_of(cases, done, {"Result": table(heads, rows)}, goals)
 
 
 def _load(some: Sequence[Mapping[str, Any]]) -> str:
     """Times on a machine on which much else runs are not those of a user's."""
     return f"Mean load of the machine at the end of a case: {np.median([case['load'] for case in some]):.1f} (median)."
-
-
-def _goal(goal: tuple[str, str, str], value: float, said: str, acceptable: float, aim: float) -> list[str]:
-    text, *rest = goal
-    return [text, said, *rest, reached([value], [acceptable], [aim])]
 
 
 PAGE = PartedPage(

@@ -41,10 +41,8 @@ ROOMS = ("solver", "association", "geometry", "people", "interchange", "scene", 
 TESTED_BY = {"people": ["people", "monitoring", "solver"]}
 """Rooms whose tests are a room's too: most of what it does is seen in what they make of it."""
 WHERE = {"room": "quick tests of the room", "elsewhere": "other quick tests", "slow": "slow tests of the room"}
-STAGES = tuple(WHERE)
-"""The tests that a fault meets in turn, until one notices it."""
-CPU_S = 900
-"""Processor time after which a fault that makes the tests run on and on counts as noticed."""
+STAGES = tuple(WHERE)  # the tests that a fault meets in turn, until one notices it
+CPU_S = 900  # processor time after which a fault that makes the tests run on and on counts as noticed
 OPPOSITE: dict[type[ast.AST], type[ast.AST]] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
 }  # fmt: skip
@@ -55,8 +53,7 @@ REVERSED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
 }  # fmt: skip
 GOAL_PERCENT = 85
-FAILED = ("FAILED", "ERROR")
-"""Begin a line of pytest that names a test."""
+FAILED = ("FAILED", "ERROR")  # begin a line of pytest that names a test
 COMMUTING = ("max", "min", "maximum", "minimum", "fmax", "fmin", "hypot", "isinstance")
 ONE_SIDED = (ast.Sub, ast.Div, ast.MatMult)
 
@@ -220,8 +217,7 @@ def find(faults: Sequence[Fault], stages: Sequence[str], store: Kept, workers: i
 def work(case: tuple[Fault, str]) -> dict[str, Any]:
     """Run the tests of a stage on a copy of the sources with the fault, until one fails: `test`, None where none did.
 
-    Raises:
-        RuntimeError: the test that fails does so without the fault as well.
+    Raises `RuntimeError`: the test that fails does so without the fault as well.
     """
     fault, stage = case
     before = resource.getrusage(resource.RUSAGE_CHILDREN)

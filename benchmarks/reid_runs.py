@@ -5,26 +5,182 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import combinations, islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 
+from accuracy import WORKERS
 from command import ONE_THREAD, Calibrated, judge, passerby, run_program
 from datasets import ROOT, models_folder
-from metrics.identities import IdentityAgreement
+from metrics.detections import paired
+from metrics.identities import IdentityAgreement, identity_agreement
+from passerby.association.appearance.affinity import AppearanceAffinity
+from passerby.association.appearance.embeddings import match_boxes
+from passerby.association.camera_tracklets import build_tracklets
+from passerby.common.progress import silent
+from passerby.core.observations import UNKNOWN, Boxes
+from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.interchange.rig_toml import read_rig
-from perception_runs import absolute, calibrated, write
-from reid_scenes import HALVES, team
-from reid_scores import LooksScore, appearance, identities, true_boxes
+from passerby.interchange.video_writer import VideoWriter
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from passerby.scene.video_inputs import SceneVideoProcessor
+from passerby.simulation import SimulationOptions, simulate
+from passerby.simulation.rendering import RenderOptions
+from passerby.simulation.rendering.camera import CameraJob, camera_job, pictures
+from passerby.simulation.write import write_scene
+from perception_runs import absolute, calibrated, used_boxes, write
+from perception_scenes import render_key
+
+OVERLAP = 0.5  # intersection over union from which on a found box shows the person of a true one
+
+
+@dataclass(frozen=True)
+class LooksScore:
+    """What the Hungarian algorithm makes of the looks alone, instant by instant, before anything is verified."""
+
+    matched: int  # pairs of boxes, both on somebody known
+    right: int
+    useful_pairs: int  # pairs of cameras in which the association finds that looks tell more than chance
+    pairs: int
+
+    @property
+    def precision(self) -> float | None:
+        """Share of the matched pairs that show one person."""
+        return self.right / self.matched if self.matched else None
+
+
+def true_boxes(folder: Path) -> dict[str, Boxes]:
+    """Camera -> the true boxes of a recording."""
+    return {path.stem: read_boxes(path) for path in sorted((folder / "truth").glob("*.txt"))}
+
+
+def identities(out: Path, truth: Mapping[str, Boxes]) -> IdentityAgreement:
+    """The identities that a calibration has written, each carried over to the true box that its box overlaps best."""
+    carried = {}
+    for name, boxes in used_boxes(out, tuple(truth)).items():
+        true, found, rows, columns = _on_truth(truth[name], boxes)
+        identity = np.full(len(true), UNKNOWN)
+        identity[rows] = found.identity[columns]
+        carried[name] = Boxes(true.frame, identity, true.ltwh, true.score)
+    return identity_agreement(carried, truth)
+
+
+def appearance(scene: Path, out: Path, truth: Mapping[str, Boxes], seed: int = 0) -> LooksScore | None:
+    """What the looks alone say of the boxes that a calibration has kept in `out`; None where there are no embeddings.
+
+    As the association does in all modes: tracklets, the mean of eight boxes each, less the camera's mean; the same steps twice
+    a second.
+    """
+    inputs = read_inputs(Scene.load(scene), SceneVideoProcessor(out, None, silent))
+    rng = np.random.default_rng(seed)
+    seen = inputs.observations
+    cameras = build_tracklets(inputs.rig, seen, seen.clocks, Scene.load(scene).scale.person_height_m, rng)
+    found = AppearanceAffinity.of(cameras, rng)
+    if found is None:
+        return None
+    matched = right = 0
+    for a, b in combinations(range(len(cameras)), 2):
+        first, second = found.cameras[a], found.cameras[b]
+        if first is None or second is None:
+            continue
+        one, two = (_people(truth[cameras[c].name], looked.boxes) for c, looked in ((a, first), (b, second)))
+        pairs = match_boxes(first, second)
+        who, whom = one[pairs.row_a], two[pairs.row_b]
+        known = (who != UNKNOWN) & (whom != UNKNOWN)
+        matched, right = matched + int(known.sum()), right + int((known & (who == whom)).sum())
+    useful = sum(pair.usefulness is not None and pair.usefulness.weight > 0 for pair in found.pairs.values())
+    return LooksScore(matched, right, useful, len(found.pairs))
+
+
+def _people(truth: Boxes, boxes: Boxes) -> NDArray[np.int64]:
+    """(N,) the true identity of each found box; -1 where it shows nobody for sure."""
+    order = np.argsort(boxes.frame, kind="stable")
+    true, _, rows, columns = _on_truth(truth, boxes.take(order))
+    people = np.full(len(boxes), UNKNOWN)
+    people[order[columns]] = true.identity[rows]
+    return people
+
+
+def _on_truth(truth: Boxes, found: Boxes) -> tuple[Boxes, Boxes, NDArray[np.int64], NDArray[np.int64]]:
+    """Both sorted by frame, and which rows of them stand for each other."""
+    true, found = (boxes.take(np.argsort(boxes.frame, kind="stable")) for boxes in (truth, found))
+    return true, found, *paired(true, found, OVERLAP)
+
+
+CROWD, CROWD_SECONDS, CROWD_FPS = 20, 20.0, 1.0
+"""A second apart everybody has turned or taken a step, so that every picture is worth its rendering."""
+HALVES = ("first", "second")
+TEAM, TEAM_PRESET, HALF_SECONDS, TEAM_FPS = 8, "terrace", 40.0, 5.0
+
+
+def crowd(scenes: Path, preset: str, seed: int, clothes: str) -> Path:
+    """Folder of a rendered crowd, with its videos and the true boxes."""
+    options = ["--preset", preset, "--seed", str(seed), "--people", str(CROWD), "--seconds", f"{CROWD_SECONDS:g}"]
+    options += ["--fps", f"{CROWD_FPS:g}", "--video", "--clothes", clothes]
+    folder = scenes / f"crowd-{clothes}-{preset}-{seed}-{render_key(*options)}"
+    if not (folder / "scene.toml").is_file():
+        passerby("simulate", *options, "-o", str(folder), environment=ONE_THREAD)
+    return folder
+
+
+def team(scenes: Path, seed: int) -> Path:
+    """Folder of a team in one vest, filmed once: videos and true boxes in `first` and `second`, lenses and true rig beside."""
+    options = SimulationOptions(TEAM_PRESET, seed, people=TEAM, seconds=2 * HALF_SECONDS, fps=TEAM_FPS)
+    video = RenderOptions(clothes="alike")
+    folder = scenes / f"team-{seed}-{render_key(str(options), str(video))}"
+    if folder.is_dir():
+        return folder
+    simulated = simulate(options)
+    scenes.mkdir(parents=True, exist_ok=True)
+    workshop = Path(tempfile.mkdtemp(dir=scenes, prefix=f".{folder.name}."))
+    try:
+        new = workshop / "new"
+        write_scene(simulated, new)
+        half = round(HALF_SECONDS * TEAM_FPS)
+        for name, boxes in simulated.truth.items():
+            for part, begin in zip(HALVES, (0, half), strict=True):
+                write_boxes(new / part / "truth" / f"{name}.txt", _shifted(boxes, begin, half))
+        with ProcessPoolExecutor(WORKERS) as pool:
+            jobs = [(camera_job(simulated, name, video), new, half) for name in simulated.rig.names]
+            for _ in pool.map(_film, jobs):
+                pass
+        new.rename(folder)
+    finally:
+        shutil.rmtree(workshop, ignore_errors=True)
+    return folder
+
+
+def _shifted(boxes: Boxes, begin: int, length: int) -> Boxes:
+    """The boxes of one half, its frames counted from 1."""
+    part = boxes.take((boxes.frame > begin) & (boxes.frame <= begin + length))
+    return replace(part, frame=part.frame - begin)
+
+
+def _film(job: tuple[CameraJob, Path, int]) -> None:
+    """One camera's recording, cut in two."""
+    camera, folder, half = job
+    film = pictures(camera)
+    for part in HALVES:
+        path = folder / part / "videos" / f"{camera.camera.name}.mp4"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with VideoWriter(path, camera.camera.lens.size, camera.fps) as video:
+            for picture in islice(film, half):
+                video.write(picture)
+
 
 RETAIL = "person-reid-retail-0248"
 STRIPES = "stripes"
 MODES = ("appearance", "combined")
-TINY_RATE = 1e-9
-"""A learning rate at which an epoch changes no weight to speak of."""
+TINY_RATE = 1e-9  # a learning rate at which an epoch changes no weight to speak of
 
 
 @dataclass(frozen=True)
@@ -32,16 +188,13 @@ class Trained:
     """One `passerby reid train` and its export."""
 
     folder: Path
-    network: Path
-    """The ONNX file."""
+    network: Path  # the ONNX file
     people: int
     pictures: int
     epochs: int
-    seconds: float
-    """Wall time of the whole command: start, reading and validation included."""
+    seconds: float  # wall time of the whole command: start, reading and validation included
     loss: float
-    exported: Mapping[str, Any]
-    """`reid export --json`."""
+    exported: Mapping[str, Any]  # `reid export --json`
 
     @property
     def per_second(self) -> float:
@@ -53,11 +206,9 @@ class Trained:
 class Half:
     """One half of a team's recording, by one network."""
 
-    retrieval: Mapping[str, Mapping[str, float]]
-    """plain and centred -> rank_1 and so on, on the true boxes."""
+    retrieval: Mapping[str, Mapping[str, float]]  # plain and centred -> rank_1 and so on, on the true boxes
     appearance: LooksScore | None
-    calibrated: Mapping[str, Calibrated]
-    """By mode of association."""
+    calibrated: Mapping[str, Calibrated]  # by mode of association
     agreement: Mapping[str, IdentityAgreement]
 
 
@@ -65,8 +216,7 @@ class Half:
 class Tuned:
     """One `passerby reid finetune`."""
 
-    labels: Mapping[str, Any]
-    """What it says of the pictures that it took as labels."""
+    labels: Mapping[str, Any]  # what it says of the pictures that it took as labels
     seconds: float
 
 
@@ -75,10 +225,8 @@ class Team:
     """A team in one vest, before and after the network was adapted to it."""
 
     seed: int
-    before: Mapping[str, Half]
-    """By half."""
-    after: Mapping[str, Half]
-    """As before, where the calibration was sure of too few people."""
+    before: Mapping[str, Half]  # by half
+    after: Mapping[str, Half]  # as before, where the calibration was sure of too few people
     tuned: Tuned
 
 

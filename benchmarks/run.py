@@ -21,7 +21,6 @@ import scale_page
 import sites_page
 import sources_page
 import speed
-import swaps
 from pages.kept import code_digest
 from pages.parts import Asked, PartedPage
 from pages.records import Found, publish
@@ -36,7 +35,7 @@ def _run_formats(scratch: Path, quick: bool) -> Found:
 
 
 SINGLE: dict[str, Callable[[Path, bool], Found]] = {
-    "speed": speed.run, "association": association.run, "accuracy": accuracy.run, "swaps-real": swaps.run,
+    "speed": speed.run, "association": association.run, "accuracy": accuracy.run, "swaps-real": accuracy.run_swaps,
     "formats": _run_formats,
 }  # fmt: skip
 """Pages of one part."""

@@ -19,8 +19,7 @@ from scale import simulated
 
 CODE = ("scale",)
 """Folders of the benchmarks that the outcomes depend on, beside the package; how they are shown is not among them."""
-SEEDS = 10
-"""Of each preset."""
+SEEDS = 10  # of each preset
 KEPT = ROOT / "build" / "scale"
 
 _COLUMNS = ("known", "scenes", "registered", "verdicts", "error of lengths, median", "90 %", "largest", "mean, signed",
@@ -36,8 +35,7 @@ class Goal:
     figure: Callable[[Sequence[Mapping[str, Any]]], float]
     limits: tuple[float, float]
     unit: str = " %"
-    more: bool = False
-    """Whether more is better."""
+    more: bool = False  # whether more is better
 
 
 def _errors(cases: Sequence[Mapping[str, Any]]) -> list[float]:

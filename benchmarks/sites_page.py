@@ -8,20 +8,19 @@ from typing import Any
 import numpy as np
 
 from datasets import ROOT
+from goals import goal_row
 from pages.cases import Outcomes
 from pages.parts import Cases, Part, PartedPage, found_of
 from pages.records import Found
 from pages.tables import number, reached, table
-from sites import against_earlier, calibrations, clusters, corridors, monitoring, race
+from sites import calibrations, clusters, corridors, monitoring, small
 from sites import cases as site_cases
 
-CODE = ("sites", "peers")
-"""Folders of the benchmarks that the outcomes depend on, beside the package."""
+CODE = ("sites", "peers")  # folders of the benchmarks that the outcomes depend on, beside the package
 KEPT = ROOT / "build" / "sites"
-SEEDS = 5
-"""Of sites of 100 cameras by positions."""
+SEEDS = 5  # of sites of 100 cameras by positions
 
-Goals = Sequence[tuple[str, str, str]]
+MOST = site_cases.COUNTS[-1]
 
 
 def tabulate_simulation(cases: Cases, done: Outcomes) -> Found:
@@ -60,29 +59,23 @@ def tabulate_candidates(cases: Cases, done: Outcomes) -> Found:
             f"{overlaps} ({fewest} to {most}, mean {mean:.1f})", *share,
             f"{search:.1f} s", f"{max(case['memory_mb'] for case in some):.0f} MB",
         ])  # fmt: skip
-    most = site_cases.COUNTS[-1]
     goals = []
-    for cameras, boxes, goal in ((100, True, GOALS_CANDIDATES[0]), (1000, False, GOALS_CANDIDATES[1])):
-        own = _kinds(done).get((cameras, boxes))
-        value = None if own is None else float(np.mean([case["recall"][str(most)] for case in own]))
-        said = "not run" if value is None else f"{100 * value:.1f} % at {most}"
+    for text, kind in (("100 cameras, of boxes", (100, True)), ("1,000 cameras, of positions", (1000, False))):
+        goal = f"candidates at {text}: recall of true overlaps", "98 % at 12", "99.5 % at 8"
+        if (own := _kinds(done).get(kind)) is None:
+            goals.append([goal[0], "not run", *goal[1:], ""])
+            continue
+        value, at_eight = (float(np.mean([case["recall"].get(count, 0.0) for case in own])) for count in (str(MOST), "8"))
         # The aim is eight candidates with 99.5 %: reached only where that many do.
-        at_eight = 0.0 if own is None else float(np.mean([case["recall"].get("8", 0.0) for case in own]))
-        verdict = "" if value is None else "aim" if at_eight >= 0.995 else reached([-value], [-0.98], [-2.0])
-        goals.append([goal[0], said, *goal[1:], verdict])
-    own = _kinds(done).get((1000, False))
-    seconds = None if own is None else own[0]["search_s"]
-    said, verdict = ("not run", "") if seconds is None else (f"{seconds:.0f} s", reached([seconds], [300.0], [60.0]))
-    goals.append([GOALS_CANDIDATES[2][0], said, *GOALS_CANDIDATES[2][1:], verdict])
+        verdict = "aim" if at_eight >= 0.995 else reached([-value], [-0.98], [-2.0])
+        goals.append([goal[0], f"{100 * value:.1f} % at {MOST}", *goal[1:], verdict])
+    seconds = own[0]["search_s"] if (own := _kinds(done).get((1000, False))) else None
+    text = "candidates at 1,000 cameras: processor time"
+    goals.append(goal_row(text, ("300 s", "60 s"), seconds and f"{seconds:.0f} s", [seconds], [300.0], [60.0]))
     columns = (
-        "cameras",
-        "from",
-        "sites",
-        "overlaps (of a camera)",
-        *(f"at {count}" for count in site_cases.COUNTS),
-        "search",
+        "cameras", "from", "sites", "overlaps (of a camera)", *(f"at {count}" for count in site_cases.COUNTS), "search",
         "memory",
-    )
+    )  # fmt: skip
     return found_of(cases, done, {"Result": table(columns, rows)}, goals)
 
 
@@ -98,34 +91,6 @@ def _percent(some: Sequence[Mapping[str, Any]], count: int) -> str:
     return f"{100 * float(np.mean(values)):.1f} %" if values else "-"
 
 
-GOALS_CANDIDATES: Goals = (
-    ("candidates at 100 cameras, of boxes: recall of true overlaps", "98 % at 12", "99.5 % at 8"),
-    ("candidates at 1,000 cameras, of positions: recall of true overlaps", "98 % at 12", "99.5 % at 8"),
-    ("candidates at 1,000 cameras: processor time", "300 s", "60 s"),
-)
-
-GOALS_HALL: Goals = (("32 cameras around one hall: processor time, times that of 8", "4.5 x", "4 x"),)
-GOALS_HUNDRED: Goals = (
-    ("100 cameras: cameras in the rig of those with which they share ground", "96 %", "99 %"),
-    ("100 cameras: mean position error in the largest rig", "350 mm", "200 mm"),
-    ("100 cameras from tracklets, two cores: time and memory", "15 min, 6 GB", "8 min, 3 GB"),
-    ("growth of processor time from 25 to 100 cameras", "5 x", "4.2 x"),
-    ("100 cameras: pairs that share ground, with people in common in a rig", "98 %", "99.5 %"),
-)
-GOALS_ZONES: Goals = (
-    ("1,000 cameras in one group, extrapolated: zones and adjustment, memory", "10 min, 16 GB", "3 min, 8 GB"),
-    ("camera errors within their zone, times those of the zone alone", "1.2 x", "1.0 x"),
-    ("cameras 100 m apart or more: distance errors within 2 of their sigmas", "90 %", "95 %"),
-)
-GOALS_SMALL: Goals = (
-    ("PETS2009 with identities: processor time, times that of before", "0.5 x", "0.3 x"),
-    ("solve, times that of COLMAP's incremental mapper", "1.2 x", "0.8 x"),
-)
-GOALS_CLUSTER: Goals = (("the same bytes as one process", "all", "all"),)
-GOALS_MONITORING: Goals = (
-    ("200 monitored cameras, all with news: processor time for a camera and minute", "1 s", "0.5 s"),
-    ("5 % of 200 cameras with news: processor time, times that of all", "0.15 x", "0.06 x"),
-)
 _COLUMNS = (
     "cameras", "with a pose", "rigs (verdicts)", "reported as moved", "position, median", "orientation, median",
     "processor time", "time", "largest process",
@@ -135,26 +100,32 @@ _COLUMNS = (
 def tabulate_halls(cases: Cases, done: Outcomes) -> Found:
     """What 32 cameras around one hall take, against 8."""
     ratio = _growth(done, 8, 32)
-    said, verdict = ("not run", "") if ratio is None else (f"{ratio:.1f} x", reached([ratio], [4.5], [4.0]))
-    goals = [[GOALS_HALL[0][0], said, *GOALS_HALL[0][1:], verdict]]
+    text = "32 cameras around one hall: processor time, times that of 8"
+    goals = [goal_row(text, ("4.5 x", "4 x"), ratio and f"{ratio:.1f} x", [ratio], [4.5], [4.0])]
     return found_of(cases, done, {"Result": table(_COLUMNS, [_calibration_row(case) for case in done.values()])}, goals)
 
 
 def tabulate_sites(cases: Cases, done: Outcomes) -> Found:
     """What sites take from tracklets, and what comes of them."""
-    by_size = {case["cameras"]: case for case in done.values()}
-    goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_HUNDRED]
-    if (large := by_size.get(100)) is not None:
-        share = large["in_group"]
+    large = {case["cameras"]: case for case in done.values()}.get(100)
+    share, used, largest, took, said = None, None, None, [], [None] * 4
+    if large is not None:
+        share, used = large["in_group"], large["used_overlaps"]
         largest = float(np.mean(max((group["position_mm"] for group in large["groups"]), key=len)))
         took = [large["wall_s"] / 60, large["memory_mb"] / 1024]
-        goals[0][1], goals[0][-1] = f"{100 * share:.0f} %", reached([-share], [-0.96], [-0.99])
-        goals[1][1], goals[1][-1] = f"{largest:.0f} mm", reached([largest], [350.0], [200.0])
-        used = large["used_overlaps"]
-        goals[4][1], goals[4][-1] = f"{100 * used:.1f} %", reached([-used], [-0.98], [-0.995])
-        goals[2][1], goals[2][-1] = f"{took[0]:.0f} min, {took[1]:.1f} GB", reached(took, [15.0, 6.0], [8.0, 3.0])
-    if (ratio := _growth(done, 25, 100)) is not None:
-        goals[3][1], goals[3][-1] = f"{ratio:.1f} x", reached([ratio], [5.0], [4.2])
+        said = [f"{100 * share:.0f} %", f"{largest:.0f} mm", f"{took[0]:.0f} min, {took[1]:.1f} GB", f"{100 * used:.1f} %"]
+    ratio, pairs = _growth(done, 25, 100), "100 cameras: pairs that share ground, with people in common in a rig"
+    goals = [
+        goal_row("100 cameras: cameras in the rig of those with which they share ground", ("96 %", "99 %"), said[0],
+                 [-(share or 0)], [-0.96], [-0.99]),
+        goal_row("100 cameras: mean position error in the largest rig", ("350 mm", "200 mm"), said[1], [largest], [350.0],
+                 [200.0]),
+        goal_row("100 cameras from tracklets, two cores: time and memory", ("15 min, 6 GB", "8 min, 3 GB"), said[2], took,
+                 [15.0, 6.0], [8.0, 3.0]),
+        goal_row("growth of processor time from 25 to 100 cameras", ("5 x", "4.2 x"), ratio and f"{ratio:.1f} x", [ratio],
+                 [5.0], [4.2]),
+        goal_row(pairs, ("98 %", "99.5 %"), said[3], [-(used or 0)], [-0.98], [-0.995]),
+    ]  # fmt: skip
     rows = [
         [
             *_calibration_row(case),
@@ -168,7 +139,8 @@ def tabulate_sites(cases: Cases, done: Outcomes) -> Found:
 
 def tabulate_zones(cases: Cases, done: Outcomes) -> Found:
     """What corridors take that are solved by zones, and how sure they are."""
-    goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_ZONES]
+    ratio = least = None
+    took: list[float] = []
     rows = [
         [
             str(case["cameras"]), str(case["zones"]), str(case["registered"]), case["verdict"], f"{case['position_mm']:.0f} mm",
@@ -180,15 +152,19 @@ def tabulate_zones(cases: Cases, done: Outcomes) -> Found:
     if done:
         ratio = max(case["of_zones_mm"] / case["alone_mm"] for case in done.values())
         least = min(case["within_2"] for case in done.values())
-        goals[1][1], goals[1][-1] = f"{ratio:.2f} x", reached([ratio], [1.2], [1.0])
-        goals[2][1], goals[2][-1] = f"{100 * least:.0f} %", reached([-least], [-0.9], [-0.95])
     if len(done) == len(cases) and len(done) > 1:
         *_, small, large = done.values()
         cpu_s, memory_mb = (_power_at_thousand(small, large, key) for key in ("cpu_s", "memory_mb"))
         took = [cpu_s / 60, memory_mb / 1024]
-        goals[0][1], goals[0][-1] = f"{took[0]:.0f} min, {took[1]:.1f} GB", reached(took, [10.0, 16.0], [3.0, 8.0])
-        blank = [""] * 7
-        rows.append(["1000 (extrapolated)", *blank, f"{cpu_s:.0f} s", f"{memory_mb:.0f} MB"])
+        rows.append(["1000 (extrapolated)", *[""] * 7, f"{cpu_s:.0f} s", f"{memory_mb:.0f} MB"])
+    goals = [
+        goal_row("1,000 cameras in one group, extrapolated: zones and adjustment, memory", ("10 min, 16 GB", "3 min, 8 GB"),
+                 f"{took[0]:.0f} min, {took[1]:.1f} GB" if took else None, took, [10.0, 16.0], [3.0, 8.0]),
+        goal_row("camera errors within their zone, times those of the zone alone", ("1.2 x", "1.0 x"),
+                 ratio and f"{ratio:.2f} x", [ratio], [1.2], [1.0]),
+        goal_row("cameras 100 m apart or more: distance errors within 2 of their sigmas", ("90 %", "95 %"),
+                 None if least is None else f"{100 * least:.0f} %", [-(least or 0)], [-0.9], [-0.95]),
+    ]  # fmt: skip
     columns = (
         "cameras", "zones", "with a pose", "verdict", "position, median", "orientation, median",
         "position within the zone, in the whole / alone", "within 2 sigmas, 100 m apart", "processor time", "memory",
@@ -202,37 +178,33 @@ def _power_at_thousand(small: Mapping[str, Any], large: Mapping[str, Any], key: 
     return float(large[key] * (1000 / large["cameras"]) ** power)
 
 
-SmallCase = against_earlier.EarlierCase | race.RaceCase
-
-
-def small_cases(seeds: int) -> dict[str, SmallCase]:
-    """What small scenes are raced against, by key."""
-    return {**against_earlier.cases(seeds), **race.cases(seeds)}
-
-
-def measure_small(case: SmallCase) -> dict[str, Any]:
-    """One of the two races."""
-    return race.measure(case) if isinstance(case, race.RaceCase) else against_earlier.measure(case)
+GOALS_SMALL = (
+    ("PETS2009 with identities: processor time, times that of before", 0.5, 0.3),
+    ("solve, times that of COLMAP's incremental mapper", 1.2, 0.8),
+)
 
 
 def tabulate_small(cases: Cases, done: Outcomes) -> Found:
     """What PETS2009 takes, against the version before sites, and what the solver takes, against COLMAP's."""
-    goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_SMALL]
     earlier, raced = [], []
+    ratios: list[float | None] = [None, None]
     for case in done.values():
         if "ratio" in case:
-            goals[1][1], goals[1][-1] = f"{case['ratio']:.2f} x", reached([case["ratio"]], [1.2], [0.8])
+            ratios[1] = case["ratio"]
             raced.append([
                 str(case["rows"]), str(case["neither_fails"]), str(case["ours_fail"]), str(case["theirs_fail"]),
                 f"{case['ours_s']:.1f} s", f"{case['theirs_s']:.1f} s", f"{case['ratio']:.2f}", f"{case['whole_ratio']:.2f}",
             ])  # fmt: skip
             continue
-        ratio = case["now"] / case["earlier"]
-        goals[0][1], goals[0][-1] = f"{ratio:.2f} x", reached([ratio], [0.5], [0.3])
+        ratios[0] = case["now"] / case["earlier"]
         earlier.append([
             "PETS2009, identities given", case["about"]["against"][:10], f"{case['earlier']:.1f} s", f"{case['now']:.1f} s",
-            f"{ratio:.2f}", f"{case['apart_mm']:.3g} mm", f"{case['apart_deg']:.2g}°",
+            f"{ratios[0]:.2f}", f"{case['apart_mm']:.3g} mm", f"{case['apart_deg']:.2g}°",
         ])  # fmt: skip
+    goals = [
+        goal_row(text, (f"{acceptable} x", f"{aim} x"), ratio and f"{ratio:.2f} x", [ratio], [acceptable], [aim])
+        for (text, acceptable, aim), ratio in zip(GOALS_SMALL, ratios, strict=True)
+    ]
     heads = {
         "Earlier version": (
             "data", "earlier version", "its processor time", "now", "ratio", "rigs apart, position", "orientation",
@@ -249,7 +221,7 @@ def tabulate_small(cases: Cases, done: Outcomes) -> Found:
 
 def tabulate_clusters(cases: Cases, done: Outcomes) -> Found:
     """What a cluster with dying workers takes, and whether its files are those of one process."""
-    goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_CLUSTER]
+    goal = ["the same bytes as one process", "not run", "all", "all", ""]
     rows = [
         [
             str(case["cameras"]), *(f"{case['took_s'][way]:.0f} s" for way in ("one", "pool", "cluster")), str(case["killed"]),
@@ -259,17 +231,16 @@ def tabulate_clusters(cases: Cases, done: Outcomes) -> Found:
     ]  # fmt: skip
     if done:
         differing, files = sum(len(case["differing"]) for case in done.values()), sum(case["files"] for case in done.values())
-        goals[0][1] = f"all of {files} files" if not differing else f"{differing} of {files} files differ"
-        goals[0][-1] = "no" if differing else "aim"
+        goal[1] = f"all of {files} files" if not differing else f"{differing} of {files} files differ"
+        goal[-1] = "no" if differing else "aim"
     columns = (
         "cameras", "one process", "a process for each core", "on the cluster", "workers killed", "files", "that differ",
     )  # fmt: skip
-    return found_of(cases, done, {"Result": table(columns, rows)}, goals)
+    return found_of(cases, done, {"Result": table(columns, rows)}, [goal])
 
 
 def tabulate_monitoring(cases: Cases, done: Outcomes) -> Found:
     """What monitoring takes for each camera and minute, where all have news and where few have."""
-    goals = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in GOALS_MONITORING]
     rows = []
     for case in done.values():
         for kind, news in (("all", case["cameras"]), ("few", case["fresh"])):
@@ -279,17 +250,19 @@ def tabulate_monitoring(cases: Cases, done: Outcomes) -> Found:
                 _each(spent["cpu_s"], case, news), f"{spent['memory_mb']:.0f} MB",
             ])  # fmt: skip
     by_size = {case["cameras"]: case for case in done.values()}
-    small, large = (by_size.get(size) for size in monitoring.SIZES)
-    if large is not None:
-        each = large["all"]["cpu_s"] / (large["cameras"] * large["minutes"])
-        ratio = large["few"]["cpu_s"] / large["all"]["cpu_s"]
-        goals[0][1], goals[0][-1] = f"{each:.2f} s", reached([each], [1.0], [0.5])
-        goals[1][1], goals[1][-1] = f"{ratio:.2f} x", reached([ratio], [0.15], [0.06])
-    if small is not None and large is not None:
+    few, large = (by_size.get(size) for size in monitoring.SIZES)
+    each = large and large["all"]["cpu_s"] / (large["cameras"] * large["minutes"])
+    ratio = large and large["few"]["cpu_s"] / large["all"]["cpu_s"]
+    goals = [
+        goal_row("200 monitored cameras, all with news: processor time for a camera and minute", ("1 s", "0.5 s"),
+                 each and f"{each:.2f} s", [each], [1.0], [0.5]),
+        goal_row("5 % of 200 cameras with news: processor time, times that of all", ("0.15 x", "0.06 x"),
+                 ratio and f"{ratio:.2f} x", [ratio], [0.15], [0.06]),
+    ]  # fmt: skip
+    if few is not None and large is not None:
         for kind, share in (("all", 1.0), ("few", monitoring.NEWS)):
-            ends = ({"cameras": case["cameras"], **case[kind]} for case in (small, large))
-            first, second = ends
-            cpu_s, memory_mb = (_at_thousand(first, second, key) for key in ("cpu_s", "memory_mb"))
+            ends = [{"cameras": case["cameras"], **case[kind]} for case in (few, large)]
+            cpu_s, memory_mb = (_at_thousand(*ends, key) for key in ("cpu_s", "memory_mb"))
             rows.append([
                 "1000 (extrapolated)", f"{1000 * share:.0f}", f"{cpu_s:.0f} s", _each(cpu_s, large, 1000),
                 _each(cpu_s, large, 1000 * share), f"{memory_mb:.0f} MB",
@@ -344,7 +317,7 @@ PAGE = PartedPage(
         "monitoring": Part(monitoring.sites, monitoring.measure, tabulate_monitoring),
         "thousand": Part(corridors.corridors, corridors.measure, tabulate_zones),
         "cluster": Part(clusters.cases, clusters.measure, tabulate_clusters),
-        "small": Part(small_cases, measure_small, tabulate_small),
+        "small": Part(small.cases, small.measure, tabulate_small),
     },
     CODE, KEPT, SEEDS,
 )  # fmt: skip

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from datasets import ROOT
+from goals import goal_row
 from pages.cases import Outcomes
 from pages.parts import Cases, Part, PartedPage, found_of
 from pages.records import Found
@@ -19,12 +20,12 @@ CODE = ("sources",)
 """Folders of the benchmarks that the outcomes depend on, beside the package; how they are shown is not among them."""
 KEPT = ROOT / "build" / "sources"
 SCENES = ROOT / "build" / "scenes"
-SEEDS = 3
-"""Of each preset, for the zones."""
-QUICK_S = 40.0
-"""Of the video of processing time in a quick run."""
-FACTOR = 1.1
-"""Of the plain film's error, up to which a packaging gives the same rig."""
+SEEDS = 3  # of each preset, for the zones
+QUICK_S = 40.0  # of the video of processing time in a quick run
+FACTOR = 1.1  # of the plain film's error, up to which a packaging gives the same rig
+
+
+CONTAINERS = "containers and codecs with the rig of the plain MP4 (1.1 x), or one line why not"
 
 
 def tabulate_containers(cases: Cases, done: Outcomes) -> Found:
@@ -38,7 +39,7 @@ def tabulate_containers(cases: Cases, done: Outcomes) -> Found:
         rows.append([case["about"]["text"], said, errors(case["mm"], case["deg"]), number(ratio, 2)])
     count = len(cases) - 1
     verdict = reached([-same], [-count], [-count]) if len(done) == len(cases) else f"{len(done)} of {len(cases)} run"
-    goal = [GOAL_CONTAINERS[0], f"{same} of {count}", *GOAL_CONTAINERS[1:], verdict]
+    goal = [CONTAINERS, f"{same} of {count}", "all 12", "all 12", verdict]
     return found_of(cases, done, {"Result": table(("container and codec", "result", "error", "ratio"), rows)}, [goal])
 
 
@@ -67,9 +68,9 @@ def tabulate_streams(cases: Cases, done: Outcomes) -> Found:
         ratio, refused = _ratio(found, plain), int(found["verdict"] != "accepted")
         offset = found["offset_ms"]
         goals = [
-            [GOALS_STREAMS[0][0], f"{number(ratio, 2)} x, {found['verdict']}", *GOALS_STREAMS[0][1:],
-             reached([ratio, refused], [1.3, 0], [1.05, 0])],
-            [GOALS_STREAMS[1][0], f"{number(offset, 0)} ms", *GOALS_STREAMS[1][1:], reached([offset], [50.0], [15.0])],
+            goal_row("streams: accepted, error, times that of the files", ("1.3 x", "1.05 x"),
+                     f"{number(ratio, 2)} x, {found['verdict']}", [ratio, refused], [1.3, 0], [1.05, 0]),
+            goal_row("streams: offsets", ("50 ms", "15 ms"), f"{number(offset, 0)} ms", [offset], [50.0], [15.0]),
         ]  # fmt: skip
     return found_of(cases, done, {"Result": table(columns, rows)}, goals)
 
@@ -86,9 +87,9 @@ def tabulate_pieces(cases: Cases, done: Outcomes) -> Found:
         ratio, refused = _ratio(found, plain), int(found["verdict"] != "accepted")
         once, count = pieces.reported_once(found), sum(pieces.gaps_of(found["lost"]).values())
         goals = [
-            [GOALS_PIECES[0][0], f"{number(ratio, 2)} x, {found['verdict']}", *GOALS_PIECES[0][1:],
-             reached([ratio, refused], [1.3, 0], [1.05, 0])],
-            [GOALS_PIECES[1][0], f"{once} of {count}", *GOALS_PIECES[1][1:], reached([-once], [-count], [-count])],
+            goal_row("pieces: accepted, error, times that of the files", ("1.3 x", "1.05 x"),
+                     f"{number(ratio, 2)} x, {found['verdict']}", [ratio, refused], [1.3, 0], [1.05, 0]),
+            goal_row("pieces: gaps that are reported once", ("all", "all"), f"{once} of {count}", [-once], [-count], [-count]),
         ]  # fmt: skip
     columns = ("films", "result", "error", "ratio", "gaps reported once")
     return found_of(cases, done, {"Result": table(columns, rows)}, goals)
@@ -115,7 +116,7 @@ def tabulate_watching(cases: Cases, done: Outcomes) -> Found:
     said = ", ".join(f"{number(value, 2)} x ({name})" for name, value in ratios.items())
     reaches = reached(list(ratios.values()), [0.8] * len(ratios), [0.5] * len(ratios))
     whole = reaches if len(done) == len(cases) else f"{len(done)} of {len(cases)} run"
-    goals = [[GOAL_WATCHING[0], said, *GOAL_WATCHING[1:], whole]] if done else []
+    goals = [["processing time, times that of an earlier version", said, "0.8 x", "0.5 x", whole]] if done else []
     return found_of(cases, done, {"Result": table(columns, rows)}, goals, [f"Earlier version: commit `{against[:10]}`."])
 
 
@@ -133,8 +134,8 @@ def tabulate_zones(cases: Cases, done: Outcomes) -> Found:
             ])  # fmt: skip
     off = zones.all_errors(done)
     value = float(np.quantile(off, 0.95, method="higher")) if len(off) else None
-    verdict = reached([value], [2.0], [1.0])
-    goals = [[GOAL_ZONES[0], f"{number(value, 2)} % ({len(off) // 4} zones)", *GOAL_ZONES[1:], verdict]]
+    text = "Frigate zones: error of side lengths, 95 %"
+    goals = [goal_row(text, ("2 %", "1 %"), f"{number(value, 2)} % ({len(off) // 4} zones)", [value], [2.0], [1.0])]
     columns = ("preset", "rigs", "zones", "error of a side, median", "95 %", "within 2 %")
     return found_of(cases, done, {"Result": table(columns, rows)}, goals)
 
@@ -148,14 +149,15 @@ def tabulate_far(cases: Cases, done: Outcomes) -> Found:
         found, wrong = (sum(case[key] for case in some) for key in ("found", "wrong"))
         worst = f"{number(1000 * max(off), 0)} ms" if off else "-"
         rows.append([kind, str(len(some)), str(found), str(wrong), worst, f"{number(_time_ratio(some), 2)} x"])
-    first = [case for case in done.values() if case["about"]["kind"] == "identities unknown"]
+    first = [case for case in done.values() if case["about"]["kind"] == far.UNKNOWN]
     found, wrong = (sum(case[key] for case in first) for key in ("found", "wrong"))
     ratio = _time_ratio(first) if first else None
     whole = reached([-found, wrong], [-far.SCENES, 0], [-far.SCENES, 0]) if len(first) == far.SCENES else "running"
     goals = [
-        [GOALS_FAR[0][0], f"{found} of {len(first)}, {wrong} wrong", *GOALS_FAR[0][1:], whole],
-        [GOALS_FAR[1][0], f"{number(ratio, 2)} x", *GOALS_FAR[1][1:], reached([ratio], [3.0], [1.5])],
-    ]
+        ["starts 20 minutes apart: found, of 10 scenes", f"{found} of {len(first)}, {wrong} wrong", "10", "10", whole],
+        goal_row("starts 20 minutes apart: time of search and registration, against +-5 s", ("3 x", "1.5 x"),
+                 f"{number(ratio, 2)} x", [ratio], [3.0], [1.5]),
+    ]  # fmt: skip
     columns = ("scenes", "number", "found", "wrong", "largest error of a start", "time ratio")
     return found_of(cases, done, {"Result": table(columns, rows)}, goals)
 
@@ -179,26 +181,9 @@ def tabulate_sound(cases: Cases, done: Outcomes) -> Found:
     limit = 1000 * sound.LIMIT_S
     verdict = reached([worst, wrong], [limit, 0], [5.0, 0]) if len(done) == len(cases) else f"{len(done)} of {len(cases)} run"
     said = f"{len(done) - wrong} of {len(done)}, answers within {number(worst, 1)} ms"
+    goal = ["sound: offset, or no answer, 50 of 50", said, "20 ms", "5 ms", verdict]
     head = ("heard", "pairs", "answers", "error, median", "largest")
-    return found_of(cases, done, {"Result": table(head, rows)}, [[GOAL_SOUND[0], said, *GOAL_SOUND[1:], verdict]])
-
-
-GOALS_STREAMS = (
-    ("streams: accepted, error, times that of the files", "1.3 x", "1.05 x"),
-    ("streams: offsets", "50 ms", "15 ms"),
-)
-GOALS_PIECES = (
-    ("pieces: accepted, error, times that of the files", "1.3 x", "1.05 x"),
-    ("pieces: gaps that are reported once", "all", "all"),
-)
-GOAL_WATCHING = ("processing time, times that of an earlier version", "0.8 x", "0.5 x")
-GOALS_FAR = (
-    ("starts 20 minutes apart: found, of 10 scenes", "10", "10"),
-    ("starts 20 minutes apart: time of search and registration, against +-5 s", "3 x", "1.5 x"),
-)
-GOAL_SOUND = ("sound: offset, or no answer, 50 of 50", "20 ms", "5 ms")
-GOAL_CONTAINERS = ("containers and codecs with the rig of the plain MP4 (1.1 x), or one line why not", "all 12", "all 12")
-GOAL_ZONES = ("Frigate zones: error of side lengths, 95 %", "2 %", "1 %")
+    return found_of(cases, done, {"Result": table(head, rows)}, [goal])
 
 
 def page(watched_s: float = watching.SECONDS, against: str = watching.EARLIER) -> PartedPage:
@@ -206,7 +191,7 @@ def page(watched_s: float = watching.SECONDS, against: str = watching.EARLIER) -
     parts = {
         "streams": Part(lambda _: streams.cases(SCENES), streams.work, tabulate_streams, alone=True),
         "pieces": Part(lambda _: pieces.cases(SCENES), pieces.work, tabulate_pieces),
-        "far": Part(lambda _: far.cases(), far.measured, tabulate_far),
+        "far": Part(lambda _: far.cases(), far.work, tabulate_far),
         "sound": Part(lambda _: sound.cases(), sound.measured, tabulate_sound),
         "containers": Part(lambda _: containers.cases(SCENES), containers.work, tabulate_containers),
         "watching": Part(lambda _: watching.cases(SCENES, watched_s, against), watching.work, tabulate_watching, alone=True),

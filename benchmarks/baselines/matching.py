@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -12,17 +12,65 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Rig
+from passerby.solver.geopose.correspondences import ImagePoints, numbered_points
 
-Picture = NDArray[np.uint8]
-"""(H, W) grey levels or (H, W, 3) BGR, 0 to 255."""
+SAME_PX = 0.01  # matches whose places in the reference's picture agree to this are of one keypoint
+
+
+def pooled_points(rig: Rig, reference: str, moments: Sequence[Mapping[str, Matches]], sigma_px: float = 1.0) -> ImagePoints:
+    """Matches of the reference with other cameras, at several moments of cameras that stand still, as points.
+
+    The same keypoint of the reference's picture at the same moment is the same point, in whichever cameras it was matched. A
+    place of a picture is used once: the surer match wins.
+
+    Args:
+        rig: names and lenses.
+        reference: the camera whose pictures are the first of every pair.
+        moments: for each moment, camera -> the matches of the reference's picture with that camera's.
+        sigma_px: standard deviation of every place.
+
+    Raises:
+        InputError: a camera that the rig lacks.
+    """
+    seen: dict[str, list[tuple[Ints, Floats]]] = {reference: []}
+    count = 0
+    for pairs in moments:
+        kept = {name: _single(matches) for name, matches in pairs.items()}
+        places = [np.round(matches.xy_a / SAME_PX).astype(np.int64) for matches in kept.values()]
+        keys, first, number = np.unique(
+            np.concatenate([np.zeros((0, 2), dtype=np.int64), *places]), axis=0, return_index=True, return_inverse=True
+        )
+        xy = np.concatenate([np.zeros((0, 2)), *(matches.xy_a for matches in kept.values())])
+        seen[reference].append((count + np.arange(len(keys)), xy[first]))
+        ends = np.cumsum([0, *(len(matches) for matches in kept.values())])
+        for (name, matches), begin, end in zip(kept.items(), ends[:-1], ends[1:], strict=True):
+            seen.setdefault(name, []).append((count + number.reshape(-1)[begin:end], matches.xy_b))
+        count += len(keys)
+    sightings = {
+        name: (np.concatenate([numbers for numbers, _ in parts]), np.concatenate([pixels for _, pixels in parts]))
+        for name, parts in seen.items()
+        if parts
+    }
+    return numbered_points(rig, sightings, sigma_px)
+
+
+def _single(matches: Matches) -> Matches:
+    """The surest match of every place, in either picture."""
+    order = np.argsort(-matches.score, kind="stable")
+    for ends in (matches.xy_a, matches.xy_b):
+        cells = np.round(ends[order] / SAME_PX)
+        order = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
+    return matches.take(np.sort(order))
+
+
+Picture = NDArray[np.uint8]  # (H, W) grey levels or (H, W, 3) BGR, 0 to 255
 
 MAX_FEATURES = 2048
 """Features of a picture, the strongest: what SuperGlue's and LightGlue's authors use for outdoor pictures. The same for all."""
 ROWS_AT_ONCE = 2048
-TRIED = 10
-"""So many nearest features are looked through for one that shows another place; if none does, the nearest is safe."""
-KEPT_PICTURES = 16
-"""A star of pairs needs the reference's features again and again, and those of a few moments."""
+TRIED = 10  # so many nearest features are looked through for one that shows another place; if none does, the nearest is safe
+KEPT_PICTURES = 16  # a star of pairs needs the reference's features again and again, and those of a few moments
 
 
 class Unavailable(Exception):
@@ -33,12 +81,9 @@ class Unavailable(Exception):
 class Matches:
     """N pairs of places in two pictures that may show the same point."""
 
-    xy_a: Floats
-    """(N, 2) pixels in the first picture, as OpenCV counts them: the middle of the first pixel is 0, 0."""
-    xy_b: Floats
-    """(N, 2) in the second."""
-    score: Floats
-    """(N,) how sure the matcher is, by its own measure; more is better."""
+    xy_a: Floats  # (N, 2) pixels in the first picture, as OpenCV counts them: the middle of the first pixel is 0, 0
+    xy_b: Floats  # (N, 2) in the second
+    score: Floats  # (N,) how sure the matcher is, by its own measure; more is better
 
     def __len__(self) -> int:
         return len(self.xy_a)
@@ -64,10 +109,8 @@ class Matcher(Protocol):
 class Features:
     """N places of a picture and what they look like."""
 
-    xy: Floats
-    """(N, 2) pixels."""
-    descriptor: NDArray[np.float32]
-    """(N, D) unit vectors."""
+    xy: Floats  # (N, 2) pixels
+    descriptor: NDArray[np.float32]  # (N, D) unit vectors
 
     def __len__(self) -> int:
         return len(self.xy)
@@ -131,14 +174,10 @@ def nearest_matches(a: Features, b: Features, ratio: float | None, apart_px: flo
 
 @dataclass(frozen=True, eq=False)
 class _Nearest:
-    first: NDArray[np.float32]
-    """(N,) cosine with the nearest feature of the other picture."""
-    second: NDArray[np.float32]
-    """(N,) with the nearest that shows another place."""
-    index: Ints
-    """(N,) the nearest."""
-    back: Ints
-    """(M,) the nearest feature of this picture of each of the other's."""
+    first: NDArray[np.float32]  # (N,) cosine with the nearest feature of the other picture
+    second: NDArray[np.float32]  # (N,) with the nearest that shows another place
+    index: Ints  # (N,) the nearest
+    back: Ints  # (M,) the nearest feature of this picture of each of the other's
 
 
 def _nearest(a: Features, b: Features, apart_px: float) -> _Nearest:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from baselines.matching import MAX_FEATURES, BruteForce, Features, Matcher, Picture, grey
 
-RATIO = 0.8
-"""Lowe's: it drops nine in ten wrong matches and one in twenty right ones."""
+RATIO = 0.8  # Lowe's: it drops nine in ten wrong matches and one in twenty right ones
 
 
 def open_matcher(weights: Path | None = None) -> Matcher:

@@ -18,20 +18,14 @@ from baselines.matching import MAX_FEATURES, Features, Matcher, Matches, Picture
 from baselines.sift import describe
 from passerby.common.arrays import Floats
 
-RATIO = 0.85
-"""MODS' for SIFT on views: verification follows, so that more may come in than with Lowe's."""
+RATIO = 0.85  # MODS' for SIFT on views: verification follows, so that more may come in than with Lowe's
 TILTS = (2**0.5, 2.0, 2 * 2**0.5)
 """ASIFT's without the last two, which have more views than these together: to 69 degrees from the normal of a surface."""
-TURN_DEG = 72.0
-"""Turns of a tilted view lie this many degrees over the tilt apart: ASIFT's."""
-VIEW_FEATURES = MAX_FEATURES // 4
-"""Features of a tilted view; there are 17 of them."""
-ANTI_ALIASING = 0.8
-"""Blur along the direction that is squeezed, in pixels a tilt: ASIFT's."""
-APART_PX = 10.0
-"""MODS': features of several views this close together may show one place."""
-SAME_PX = 2.0
-"""Matches whose ends both lie in one cell of this width are one match, found in several views."""
+TURN_DEG = 72.0  # turns of a tilted view lie this many degrees over the tilt apart: ASIFT's
+VIEW_FEATURES = MAX_FEATURES // 4  # features of a tilted view; there are 17 of them
+ANTI_ALIASING = 0.8  # blur along the direction that is squeezed, in pixels a tilt: ASIFT's
+APART_PX = 10.0  # MODS': features of several views this close together may show one place
+SAME_PX = 2.0  # matches whose ends both lie in one cell of this width are one match, found in several views
 VERIFY_PX = 3.0
 MIN_MATCHES = 8
 
@@ -70,8 +64,7 @@ def describe_views(picture: Picture) -> Features:
 def tilted(picture: Picture, tilt: float, turn_deg: float) -> tuple[Picture, Floats]:
     """A picture as from a camera to the side: turned, then squeezed along x by the tilt.
 
-    Returns:
-        The view, and the affine map (2, 3) from its pixels back to the picture's.
+    Returns the view, and the affine map (2, 3) from its pixels back to the picture's.
     """
     height, width = picture.shape[:2]
     forward = cv2.getRotationMatrix2D((0.0, 0.0), turn_deg, 1.0)

@@ -11,8 +11,7 @@ import numpy as np
 
 from baselines.matching import MAX_FEATURES, BruteForce, Features, Matcher, Matches, Picture, Unavailable, bgr
 
-MIN_COSINE = 0.82
-"""Its authors' least likeness of a match."""
+MIN_COSINE = 0.82  # its authors' least likeness of a match
 
 
 def open_matcher(weights: Path | None = None) -> Matcher:

@@ -15,16 +15,11 @@ from passerby.common.arrays import Floats
 class Case:
     """C cameras and N points."""
 
-    names: tuple[str, ...]
-    """(C,) in the rig's order."""
-    world: Floats
-    """(N, 3) metres, z up."""
-    pixels: Floats
-    """(C, N, 2) where each camera has each point, as OpenCV counts; NaN outside of its picture."""
-    target: Path
-    """What Passerby wrote."""
-    back: Path
-    """Where the tool may write what it has read."""
+    names: tuple[str, ...]  # (C,) in the rig's order
+    world: Floats  # (N, 3) metres, z up
+    pixels: Floats  # (C, N, 2) where each camera has each point, as OpenCV counts; NaN outside of its picture
+    target: Path  # what Passerby wrote
+    back: Path  # where the tool may write what it has read
 
     @classmethod
     def read(cls, folder: Path) -> Case:

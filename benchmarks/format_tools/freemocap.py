@@ -16,12 +16,9 @@ NEEDS = ("aniposelib==0.8.0", "pydantic", "rich")
 # Of what it depends on only what its reader imports: the rest is a window, cameras and trackers.
 WITHOUT = True
 UNUSED = (
-    "skellytracker",
-    "skellytracker.process_folder_of_videos",
-    "skellytracker.trackers",
-    "skellytracker.trackers.charuco_tracker",
-    "skellytracker.trackers.charuco_tracker.charuco_model_info",
-)
+    "skellytracker", "skellytracker.process_folder_of_videos", "skellytracker.trackers",
+    "skellytracker.trackers.charuco_tracker", "skellytracker.trackers.charuco_tracker.charuco_model_info",
+)  # fmt: skip
 """What the reader's module imports for finding boards, which is not installed."""
 MM = 1000.0
 

@@ -23,14 +23,10 @@ WIDEST_DEG = 75.0
 _RADTAN, _PRISM = (-0.21, 0.06, 0.0012, -0.0017), (0.0011, -0.0006, 0.0008, 0.0003)
 _RATIONAL = (*_RADTAN, 0.01, 0.021, -0.012, 0.004)
 KINDS: dict[str, tuple[float, ...]] = {
-    "pinhole": (),
-    "radtan 4": _RADTAN,
-    "radtan 5": (*_RADTAN, -0.009),
-    "rational 8": _RATIONAL,
-    "thin prism 12": (*_RATIONAL, *_PRISM),
-    "tilted 14": (*_RATIONAL, *_PRISM, 0.013, -0.021),
+    "pinhole": (), "radtan 4": _RADTAN, "radtan 5": (*_RADTAN, -0.009), "rational 8": _RATIONAL,
+    "thin prism 12": (*_RATIONAL, *_PRISM), "tilted 14": (*_RATIONAL, *_PRISM, 0.013, -0.021),
     "fisheye": (0.031, -0.012, 0.0021, -0.0004),
-}
+}  # fmt: skip
 """Distortion coefficients."""
 
 

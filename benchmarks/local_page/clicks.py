@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 
 from command import ONE_THREAD, passerby
-from local_page.access import access_faults
-from local_page.hand import SIZE, Hand, chromium
-from local_page.judging import against, best_views, ends_of
+from local_page.hand import SIZE, Hand, access_faults, against, best_views, chromium, ends_of
 from local_page.serving import served
 from pages.tables import load
 from passerby.interchange.rig_toml import read_rig

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from command import ONE_THREAD, passerby
-from local_page.judging import ends_of
+from local_page.hand import ends_of
 from local_page.serving import Served, served
 from passerby.common.errors import InputError
 from passerby.interchange.calibration_json import CALIBRATION_FILE, read_document

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 _ADDRESS = re.compile(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)")
-TIMEOUT_S = 600.0
-"""A busy machine is slow; this only ends a run that hangs."""
+TIMEOUT_S = 600.0  # a busy machine is slow; this only ends a run that hangs
 
 
 @dataclass(frozen=True)
@@ -25,8 +24,7 @@ class Served:
     """A server, and how to reach it."""
 
     process: subprocess.Popen[str]
-    began: float
-    """`time.perf_counter` before the program was begun."""
+    began: float  # `time.perf_counter` before the program was begun
     port: int
     token: str
 

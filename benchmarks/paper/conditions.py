@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,21 +18,89 @@ import numpy as np
 import tomli_w
 
 from pages.kept import Kept
-from paper.sampling import sampled
-from paper.thinning import thinned
 from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
+from passerby.common.arrays import Ints
+from passerby.common.errors import InputError
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress
+from passerby.core.observations import Boxes, CameraObservations, Keypoints
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate, write_scene
 from passerby.simulation.scene import Filmed, film, remove_faults
+from passerby.solver.geopose.correspondences import whole_boxes
 
-FAILED = float("inf")
-"""Stands for an error that is undefined, so that no mean and no median hides a failure."""
-THINNING, UNEVEN = 7, 8
-"""Tell the generators of the thinning and of uneven times from those of the scene with the same seed."""
+LONGEST_STEP = 3
+"""Pictures at uneven times are 1 to so many frames of the video's clock apart, at random: 17 to 50 a second of 50."""
+
+
+def sampled(simulated: SimulatedScene, every: int, *, uneven: bool, rng: np.random.Generator) -> SimulatedScene:
+    """The scene with what is seen in every `every`-th picture of each camera, from the first on; clocks are known.
+
+    Args:
+        simulated: a scene in which everybody is seen in every frame.
+        every: 1 keeps all pictures.
+        uneven: whether the pictures come at uneven times, other ones in each camera; else every frame is a picture.
+        rng: draws those times.
+    """
+    cameras, true = {}, {}
+    for name, seen in simulated.observations.cameras.items():
+        frames = simulated.frames
+        if uneven:
+            frames = np.cumsum(rng.integers(1, LONGEST_STEP + 1, len(frames)))
+        kept = [np.isin(part.frame, frames[::every]) for part in (seen.boxes, seen.keypoints)]
+        cameras[name] = CameraObservations(seen.boxes.take(kept[0]), seen.keypoints.take(kept[1]))
+        true[name] = simulated.true_identities[name][kept[0]]
+    return replace(simulated, observations=replace(simulated.observations, cameras=cameras), true_identities=true)
+
+
+def thinned(simulated: SimulatedScene, shared: int, rng: np.random.Generator) -> SimulatedScene:
+    """The scene with so few boxes that every camera shares `shared` person-instants with the first one, the reference.
+
+    A person-instant is one person at one instant; it is shared where both cameras have a box of the person that lies wholly
+    inside the picture. All that the reference sees are put in one random order. Every other camera keeps the first `shared` of
+    those that it sees too, and no other box; the reference keeps those that any camera has kept. So two cameras other than the
+    reference share at most `shared` too: those among them that both see.
+
+    Raises `InputError`: a camera shares fewer with the reference.
+    """
+    whole = {camera.name: simulated.observations[camera.name].boxes for camera in simulated.rig}
+    whole = {name: boxes.take(whole_boxes(boxes, simulated.rig[name].lens)) for name, boxes in whole.items()}
+    n_people = 1 + max(int(boxes.identity.max(initial=0)) for boxes in whole.values())
+    reference, *others = simulated.rig.names
+    order = rng.permutation(_numbers(whole[reference], n_people))
+    kept: dict[str, Ints] = {}
+    for name in others:
+        common = order[np.isin(order, _numbers(whole[name], n_people))]
+        if len(common) < shared:
+            raise InputError(
+                f"camera {name} shares {len(common)} person-instants with camera {reference}, {shared} are wanted: "
+                "simulate more seconds or more people"
+            )
+        kept[name] = common[:shared]
+    kept[reference] = np.unique(np.concatenate(list(kept.values())))
+    return _taken(simulated, kept, n_people)
+
+
+def _taken(simulated: SimulatedScene, kept: Mapping[str, Ints], n_people: int) -> SimulatedScene:
+    """The scene with the kept person-instants alone, of whole boxes, and the joints that go with them."""
+    cameras, true = {}, {}
+    for name, seen in simulated.observations.cameras.items():
+        inside = whole_boxes(seen.boxes, simulated.rig[name].lens) & np.isin(_numbers(seen.boxes, n_people), kept[name])
+        joints = np.isin(_numbers(seen.keypoints, n_people), kept[name])
+        cameras[name] = CameraObservations(seen.boxes.take(inside), seen.keypoints.take(joints))
+        true[name] = simulated.true_identities[name][inside]
+    return replace(simulated, observations=replace(simulated.observations, cameras=cameras), true_identities=true)
+
+
+def _numbers(people: Boxes | Keypoints, n_people: int) -> Ints:
+    """(N,) a number for each person-instant."""
+    return np.asarray(people.frame * n_people + people.identity)
+
+
+FAILED = float("inf")  # stands for an error that is undefined, so that no mean and no median hides a failure
+THINNING, UNEVEN = 7, 8  # tell the generators of the thinning and of uneven times from those of the scene with the same seed
 
 Method = Literal["people", "geopose"]
 
@@ -45,18 +113,13 @@ class Condition:
 
     options: SimulationOptions
     method: Method = "people"
-    points: Literal["boxes", "joints"] = "boxes"
-    """What the solver gets to see."""
+    points: Literal["boxes", "joints"] = "boxes"  # what the solver gets to see
     shared: int | None = None
     """Person-instants that each camera shares with the reference, the first camera: see `thinned`. None: all that there are."""
-    search_s: float = 0.0
-    """Largest difference of two clocks that is searched for."""
-    solver: tuple[tuple[str, float], ...] = ()
-    """Options of the solver, by name."""
-    every: int = 1
-    """A detector looks at every so many-th picture,"""
-    uneven: bool = False
-    """and pictures come at uneven times: see `sampled`."""
+    search_s: float = 0.0  # largest difference of two clocks that is searched for
+    solver: tuple[tuple[str, float], ...] = ()  # options of the solver, by name
+    every: int = 1  # a detector looks at every so many-th picture,
+    uneven: bool = False  # and pictures come at uneven times: see `sampled`
 
     @property
     def scene(self) -> dict[str, Any]:
@@ -73,20 +136,16 @@ class Outcome:
     """What became of a condition. All errors are infinite where not every camera was registered."""
 
     verdict: str
-    reason: str
-    """The first that speaks against the result; empty where none does."""
+    reason: str  # the first that speaks against the result; empty where none does
     registered: int
     cameras: int
     similarity_mm: float = FAILED
     similarity_deg: float = FAILED
     metric_mm: float = FAILED
     metric_deg: float = FAILED
-    scale_error: float = FAILED
-    """|estimated length / true length - 1|."""
-    gravity_deg: float = FAILED
-    """Of the vertical."""
-    ground_mm: float = FAILED
-    """Of the height of the ground."""
+    scale_error: float = FAILED  # |estimated length / true length - 1|
+    gravity_deg: float = FAILED  # of the vertical
+    ground_mm: float = FAILED  # of the height of the ground
     clock_ms: float = FAILED
     """Mean error over the other cameras of the clocks' offsets to the first camera's; 0 where all agree and are known to."""
 
@@ -153,12 +212,7 @@ def _run_job(job: _Job) -> dict[Condition, Outcome]:
 def outcome_of(condition: Condition, filmed: Filmed | None = None) -> Outcome:
     """Simulate, write the scene, calibrate it as `passerby calibrate` does, and compare.
 
-    Args:
-        condition: what to do.
-        filmed: the scene's views, where they are at hand.
-
-    Raises:
-        InputError: the condition asks for something that does not exist.
+    Raises `InputError`: the condition asks for something that does not exist.
     """
     simulated = simulate(condition.options, filmed)
     if condition.shared is not None:
@@ -193,23 +247,19 @@ def _judged(calibration: Calibration, simulated: SimulatedScene) -> Outcome:
         return outcome
     against = compare(calibration.rig, simulated.rig)
     return replace(
-        with_pose_errors(outcome, against),
-        gravity_deg=_defined(against.gravity_error_deg),
-        ground_mm=_defined(against.ground_error_mm),
-        clock_ms=_clock_error_ms(calibration, simulated),
-    )
+        with_pose_errors(outcome, against), gravity_deg=_defined(against.gravity_error_deg),
+        ground_mm=_defined(against.ground_error_mm), clock_ms=_clock_error_ms(calibration, simulated),
+    )  # fmt: skip
 
 
 def with_pose_errors(outcome: SomeOutcome, against: Comparison) -> SomeOutcome:
     """The outcome with the errors that all kinds of them have; `FAILED` where one is undefined."""
     return replace(
-        outcome,
-        similarity_mm=_defined(against.similarity.mean_position_mm),
-        similarity_deg=_defined(against.similarity.mean_orientation_deg),
-        metric_mm=_defined(against.metric.mean_position_mm),
+        outcome, similarity_mm=_defined(against.similarity.mean_position_mm),
+        similarity_deg=_defined(against.similarity.mean_orientation_deg), metric_mm=_defined(against.metric.mean_position_mm),
         metric_deg=_defined(against.metric.mean_orientation_deg),
         scale_error=_defined(None if against.scale_ratio is None else abs(against.scale_ratio - 1)),
-    )
+    )  # fmt: skip
 
 
 def _defined(value: float | None) -> float:

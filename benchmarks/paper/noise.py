@@ -11,10 +11,9 @@ from pages.records import Found
 from pages.tables import Table, number, table, yes
 from paper.conditions import Condition, Method, Outcome
 from paper.paper_figures import NOISE, NOISE_FAILS_PX, POSES
-from paper.plots import Axis, Line, Panel, error_plot
-from paper.spread import FAILS, failures, median, median_errors, of, worst_errors
+from paper.parts import Wanted
+from paper.plots import FAILS, Axis, Line, Panel, error_plot, failures, median, median_errors, of, worst_errors
 from paper.sweep import Swept, curve_found, sweep
-from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.simulation import PRESETS, SimulationOptions
 

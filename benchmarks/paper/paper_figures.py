@@ -33,8 +33,7 @@ REPROJECTIONS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyTyp
 )
 """Table 2: RPE in pixels, ERR in percent."""
 
-POSES_MEAN: tuple[float, float] = (404, 1.08)
-"""Mean of Table 1's row `boxes-re-id` over the scenes."""
+POSES_MEAN: tuple[float, float] = (404, 1.08)  # mean of Table 1's row `boxes-re-id` over the scenes
 
 NOISE: Mapping[str, Mapping[float, tuple[float, float]]] = MappingProxyType(
     {
@@ -44,5 +43,4 @@ NOISE: Mapping[str, Mapping[float, tuple[float, float]]] = MappingProxyType(
     }
 )
 """Table 3: metric errors, mm and degrees, by uniform noise of the boxes' corners of plus or minus so many pixels."""
-NOISE_FAILS_PX = 50.0
-"""With this much it fails on all scenes."""
+NOISE_FAILS_PX = 50.0  # with this much it fails on all scenes

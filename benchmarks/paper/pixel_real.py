@@ -16,21 +16,17 @@ import numpy as np
 import tomli_w
 
 from baselines import Matcher, Matches, Picture, Unavailable, open_matcher
-from baselines.pooling import pooled_points
-from paper.annotations import marked_length
-from paper.match_picture import as_jpeg, draw_matches
+from baselines.matching import pooled_points
 from paper.pixel_rows import MATCH_SIGMA_PX, NOT_RUN, PixelOutcome, Solved, counted, judged, solved
-from paper.pixel_stage import LENGTH_NOISE_PX
+from paper.pixel_stage import LENGTH_NOISE_PX, marked_length
 from passerby.calibration.calibrate import calibrate
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.interchange.rig_toml import read_rig
 
-SHRINK = 2
-"""Pictures of 1920 x 1080 are looked at in half their size: networks take four times as long otherwise."""
+SHRINK = 2  # pictures of 1920 x 1080 are looked at in half their size: networks take four times as long otherwise
 WILDTRACK_FPS = 2.0
-PIPE_HEIGHTS_M = (1.0, 0.5, 1.5)
-"""The paper's pipe of 1.0 m, held where all cameras of a room see it."""
+PIPE_HEIGHTS_M = (1.0, 0.5, 1.5)  # the paper's pipe of 1.0 m, held where all cameras of a room see it
 
 
 @dataclass(eq=False)
@@ -39,12 +35,9 @@ class RealViews:
 
     name: str
     truth: Rig
-    paths: tuple[Mapping[str, Path], ...]
-    """By moment and camera."""
-    length_m: float
-    """Of a line that is taken to be known."""
-    heights_m: tuple[float, ...] = (0.0,)
-    """Where it may be: on the ground, or held above it."""
+    paths: tuple[Mapping[str, Path], ...]  # by moment and camera
+    length_m: float  # of a line that is taken to be known
+    heights_m: tuple[float, ...] = (0.0,)  # where it may be: on the ground, or held above it
 
     @property
     def reference(self) -> str:
@@ -103,11 +96,9 @@ def run_boxes(method: str, data: Path, truth: Rig) -> PixelOutcome:
         name: {"intrinsics": str(rig), "tracks": str(data / "wildtrack" / "identities" / f"{name}.txt")} for name in truth.names
     }
     scene = {
-        "scene": {"name": "wildtrack", "fps": WILDTRACK_FPS},
-        "cameras": cameras,
-        "association": {"mode": "given"},
+        "scene": {"name": "wildtrack", "fps": WILDTRACK_FPS}, "cameras": cameras, "association": {"mode": "given"},
         "solver": {"method": method, "reference": truth.names[0]},
-    }
+    }  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="passerby-wildtrack-") as folder:
         path = Path(folder) / "scene.toml"
         path.write_text(tomli_w.dumps(scene))
@@ -122,27 +113,11 @@ def match_all(match: Matcher, views: RealViews) -> list[dict[str, Matches]]:
     ]
 
 
-def write_match_pictures(views: RealViews, name: str, out: Path) -> list[Path]:
-    """Draw what a matcher finds between the reference and each other camera: for the user's own eyes.
-
-    Raises `Unavailable` for a matcher that cannot run here.
-    """
-    out.mkdir(parents=True, exist_ok=True)
-    paths = []
-    first = _read(views.paths[0][views.reference], 1)
-    for camera, matches in match_all(open_matcher(name), views)[0].items():
-        pair = (first, _read(views.paths[0][camera], 1))
-        drawn = draw_matches(pair, (views.truth.cameras[0], views.truth[camera]), matches, f"{views.name}, {name}")
-        paths.append(out / f"{views.name.split()[-1].lower()}-{name}-{camera}.jpg")
-        paths[-1].write_bytes(as_jpeg(drawn, most_bytes=500_000, most_columns=1600))
-    return paths
-
-
-def _read(path: Path, shrink: int = SHRINK) -> Picture:
+def _read(path: Path) -> Picture:
     picture = cv2.imread(str(path))
     if picture is None:
         raise InputError(f"{path}: is no picture that can be read: take it from the data set again")
-    small = cv2.resize(picture, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(picture, None, fx=1 / SHRINK, fy=1 / SHRINK, interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.uint8)
 
 

@@ -9,29 +9,70 @@ from pathlib import Path
 import numpy as np
 
 from baselines import MATCHERS, Matches, Unavailable, open_matcher
-from baselines.pooling import pooled_points
-from paper.annotations import marked_points
+from baselines.matching import pooled_points
 from paper.conditions import FAILED, Outcome, with_pose_errors
-from paper.geopose_points import solve_correspondences
 from paper.match_picture import right
-from paper.pixel_stage import ANNOTATED, JOINT_NOISE_PX, ORACLE_NOISE_PX, Stage
+from paper.pixel_stage import ANNOTATED, JOINT_NOISE_PX, ORACLE_NOISE_PX, Stage, marked_points
 from passerby.calibration.calibrate import calibrate
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
+from passerby.core.figures import StarScale
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import KnownLength
+from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.evaluation.reprojection import reprojection_error
+from passerby.geometry.rotations import Similarity
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.motchallenge import write_boxes
 from passerby.solver.geopose.correspondences import ImagePoints, box_points, match_pair, numbered_points
-from passerby.solver.geopose.pairs import GeoPoseOptions
+from passerby.solver.geopose.pairs import GeoPoseOptions, PairGeometry
+from passerby.solver.geopose.star import find_weaknesses, reference_of, scale_from_lengths, solve_star_graph, star_solution
 
-MATCH_SIGMA_PX = 1.0
-"""Of a matched keypoint. RANSAC's threshold is 2.5 times that."""
-MIN_ANNOTATED = 8
-"""Points by hand are few and right: what the essential matrix needs."""
+# Points of a picture that are the same from all sides: the adjustment's formal sigmas stand.
+SIGMA_FACTOR = 1.0
+
+
+def solve_correspondences(
+    rig: Rig, points: ImagePoints, lengths: Sequence[KnownLength], options: GeoPoseOptions, *, rng: np.random.Generator
+) -> Solution:
+    """Calibrate a rig from points that several cameras see, by the steps of GeoPose.
+
+    Args:
+        rig: names and lenses; poses in it are not read.
+        points: sightings, such as of `correspondences.numbered_points`; the identity is the number of the 3D point.
+        lengths: known lengths, marked in the reference and in every camera that is to be registered.
+        options: see `GeoPoseOptions`; `points` and `person_height_m` mean nothing here.
+        rng: drives RANSAC and the choice among too many correspondences.
+
+    Returns:
+        The rig in the reference camera's frame (x right, y down, z forward), metres: without people there is no vertical.
+        Sigmas are relative to the reference. A camera that shares too little with the reference, or sees no known length with
+        it, has no pose, and a reason.
+
+    Raises:
+        InputError: the reference is not a camera of the rig, or a known length is marked where a lens has no ray.
+        EvidenceError: no camera could be registered with the reference.
+    """
+    reference = reference_of(rig, options)
+
+    def metres(pairs: Sequence[PairGeometry]) -> StarScale:
+        scale = scale_from_lengths(rig, lengths, reference, pairs)
+        if scale is None:
+            raise EvidenceError(
+                f"no known length is marked in it and in the reference {options.reference}, so its distance is unknown"
+            )
+        return scale
+
+    star = solve_star_graph(rig, points, options, lambda pair: metres([pair]).factor, rng)
+    here = Similarity(1.0, np.eye(3), np.zeros(3))
+    findings = [*star.findings, *find_weaknesses(rig, star, "points", "other points")]
+    return star_solution("geopose", rig, star, metres(star.pairs), here, SIGMA_FACTOR, findings, "given")
+
+
+MATCH_SIGMA_PX = 1.0  # of a matched keypoint. RANSAC's threshold is 2.5 times that.
+MIN_ANNOTATED = 8  # points by hand are few and right: what the essential matrix needs
 NOT_RUN = "not run"
 
 
@@ -41,8 +82,7 @@ class Row:
 
     name: str
     label: str
-    scale: str
-    """Where its scale comes from: a known length, the height of people, or both."""
+    scale: str  # where its scale comes from: a known length, the height of people, or both
 
 
 ROWS = (
@@ -65,12 +105,9 @@ class PixelOutcome(Outcome):
 
     rpe_px: float = FAILED
     err_percent: float = FAILED
-    matches: int | None = None
-    """Of all pairs with the reference and all moments; None for a row without matches."""
-    right: int | None = None
-    """Those near their true epipolar lines."""
-    appearance: str = ""
-    """What told people apart by their looks; empty where nothing did."""
+    matches: int | None = None  # of all pairs with the reference and all moments; None for a row without matches
+    right: int | None = None  # those near their true epipolar lines
+    appearance: str = ""  # what told people apart by their looks; empty where nothing did
 
 
 def run_row(row: Row, stage: Stage) -> PixelOutcome:
@@ -154,16 +191,11 @@ def _keypoints(stage: Stage) -> PixelOutcome:
 
 
 RUNS: Mapping[str, Callable[[Stage], PixelOutcome]] = {
-    **{name: _matcher(name) for name in MATCHERS},
-    "oracle": _oracle,
-    "boxes-by-hand": _boxes_by_hand("geopose"),
-    "boxes-re-id": _from_videos("appearance", "geopose"),
-    "trajectories": _from_videos("trajectory", "people"),
-    "people": _from_videos("combined", "people", "people"),
-    "people-prior": _with_prior,
-    "people-by-hand": _boxes_by_hand("people"),
-    "keypoints": _keypoints,
-}
+    **{name: _matcher(name) for name in MATCHERS}, "oracle": _oracle, "boxes-by-hand": _boxes_by_hand("geopose"),
+    "boxes-re-id": _from_videos("appearance", "geopose"), "trajectories": _from_videos("trajectory", "people"),
+    "people": _from_videos("combined", "people", "people"), "people-prior": _with_prior,
+    "people-by-hand": _boxes_by_hand("people"), "keypoints": _keypoints,
+}  # fmt: skip
 """By the names of `ROWS`."""
 
 

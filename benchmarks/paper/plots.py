@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -14,8 +15,89 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from paper.spread import quartiles
+from pages.tables import errors, number
 from passerby.common.errors import InputError
+
+if TYPE_CHECKING:
+    from paper.conditions import Outcome
+
+FAILS = "fails"
+
+HEAD = (
+    "similarity, median", "quartiles, mm", "worst seed", "metric, median", "worst", "scale error", "worst", "failed",
+    "verdicts",
+)  # fmt: skip
+"""Of the cells of `spread_cells`."""
+
+
+def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
+    """Lower quartile, median and upper quartile of figures of which some may be infinite.
+
+    Interpolated as by numpy; one that lies between a finite and an infinite figure is infinite.
+    """
+    order = sorted(values)
+
+    def at(share: float) -> float:
+        place = share * (len(order) - 1)
+        low, high = order[math.floor(place)], order[math.ceil(place)]
+        return high if math.isinf(high) else low + (place % 1) * (high - low)
+
+    return at(0.25), at(0.5), at(0.75)
+
+
+def of(outcomes: Sequence[Outcome], figure: str) -> tuple[float, ...]:
+    """One figure of all outcomes, in the order of the seeds."""
+    return tuple(float(getattr(outcome, figure)) for outcome in outcomes)
+
+
+def median(outcomes: Sequence[Outcome], figure: str) -> float:
+    """The median of a figure; infinite where half of the seeds fail."""
+    return quartiles(of(outcomes, figure))[1]
+
+
+def spread_cells(outcomes: Sequence[Outcome]) -> list[str]:
+    """The cells under `HEAD`."""
+    low, _, high = quartiles(of(outcomes, "similarity_mm"))
+    scale = of(outcomes, "scale_error")
+    return [
+        median_errors(outcomes, "similarity"),
+        FAILS if math.isinf(low) else f"{number(low)} to {FAILS if math.isinf(high) else number(high)}",
+        worst_errors(outcomes, "similarity"), median_errors(outcomes, "metric"), worst_errors(outcomes, "metric"),
+        percent(quartiles(scale)[1]), percent(max(scale)), failures(outcomes), verdicts(outcomes),
+    ]  # fmt: skip
+
+
+def median_errors(outcomes: Sequence[Outcome], placement: str) -> str:
+    """The medians of position and orientation error."""
+    return pose_errors(median(outcomes, f"{placement}_mm"), median(outcomes, f"{placement}_deg"))
+
+
+def worst_errors(outcomes: Sequence[Outcome], placement: str) -> str:
+    """The largest position and the largest orientation error."""
+    return pose_errors(max(of(outcomes, f"{placement}_mm")), max(of(outcomes, f"{placement}_deg")))
+
+
+def pose_errors(mm: float, degrees: float) -> str:
+    """Position and orientation error, or that there is none to speak of."""
+    return errors(mm, degrees) if math.isfinite(mm) and math.isfinite(degrees) else FAILS
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """A share in percent."""
+    return f"{number(100 * share, digits)} %" if math.isfinite(share) else FAILS
+
+
+def failures(outcomes: Sequence[Outcome]) -> str:
+    """How many of the seeds failed."""
+    count = sum(outcome.failed for outcome in outcomes)
+    return f"{count} of {len(outcomes)}"
+
+
+def verdicts(outcomes: Sequence[Outcome]) -> str:
+    """How often which verdict was given."""
+    counts = Counter(outcome.verdict for outcome in outcomes)
+    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("accepted", "doubtful", "refused") if counts[verdict])
+
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,12 +109,9 @@ DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Lines differ by these too, for prints without colours."""
 PANEL_INCHES, WIDE_INCHES = (3.4, 3.0), 5.0
 """Width and height of a panel; the width of one that stands alone, so that the legend has room."""
-LEGEND_COLUMNS = 2
-"""For each panel: so many names of methods have room below it."""
-MARGIN = 0.05
-"""Room beyond the first and the last level, as a share of what lies between them."""
-ROW = 0.065
-"""Height of a row of failures, as a share of the panel's."""
+LEGEND_COLUMNS = 2  # for each panel: so many names of methods have room below it
+MARGIN = 0.05  # room beyond the first and the last level, as a share of what lies between them
+ROW = 0.065  # height of a row of failures, as a share of the panel's
 
 
 @dataclass(frozen=True)
@@ -40,8 +119,7 @@ class Line:
     """The errors of one method over the levels of a condition."""
 
     name: str
-    x: tuple[float, ...]
-    """Levels."""
+    x: tuple[float, ...]  # levels
     values: tuple[tuple[float, ...], ...]
     """For each level the figure of every seed; infinite for a failure. One seed: no spread is drawn."""
 
@@ -60,14 +138,10 @@ class Axis:
 
     """How a page tells the levels."""
 
-    label: str
-    """On plots, with the unit."""
-    head: str
-    """Of the tables' column."""
-    text: Callable[[float], str] = "{:g}".format
-    """A level in a table."""
-    scale: str = "linear"
-    """linear, log, or symlog (0 has a place)."""
+    label: str  # on plots, with the unit
+    head: str  # of the tables' column
+    text: Callable[[float], str] = "{:g}".format  # a level in a table
+    scale: str = "linear"  # linear, log, or symlog (0 has a place)
 
 
 def check_plots() -> None:
@@ -82,16 +156,7 @@ def error_plot(panels: Sequence[Panel], across: Axis, y_label: str) -> str:
     A line is the median over the seeds, its band the quartiles. Where the median is a failure the line breaks. Below the
     upper border stand the seeds that failed at a level, as 2/5.
 
-    Args:
-        panels: from left to right; errors are above 0.
-        across: the condition.
-        y_label: the error, with its unit.
-
-    Returns:
-        SVG text; the same arguments give the same text.
-
-    Raises:
-        InputError: matplotlib is not installed.
+    Returns SVG text; the same arguments give the same text. Raises `InputError`: matplotlib is not installed.
     """
     check_plots()
     from matplotlib import style
@@ -109,12 +174,12 @@ def _error_plot(panels: Sequence[Panel], across: Axis, y_label: str) -> str:
         _set_levels(axis, panel, across)
         axis.grid(visible=True, color="0.85", linewidth=0.6)
         axis.set_axisbelow(True)
-        for number, line in enumerate(panel.lines):
-            _draw(axis, number, f"{panel.title}: {line.name}", line)
+        for which, line in enumerate(panel.lines):
+            _draw(axis, which, f"{panel.title}: {line.name}", line)
     _set_range(axes[0], panels)
     for axis, panel in zip(axes, panels, strict=True):
-        for number, line in enumerate(panel.lines):
-            _mark_failures(axis, number, line)
+        for which, line in enumerate(panel.lines):
+            _mark_failures(axis, which, line)
     names = list(dict.fromkeys(line.name for panel in panels for line in panel.lines))
     handles = {name: handle for axis in axes for handle, name in zip(*axis.get_legend_handles_labels(), strict=True)}
     columns = min(len(names), LEGEND_COLUMNS * len(panels))

@@ -12,8 +12,7 @@ from passerby.simulation import SimulationOptions, simulate, write_scene
 from passerby.simulation.rendering import RenderOptions
 
 SECONDS, FPS = 40.0, 5.0
-LIBRARIES = ("numpy", "opencv-python-headless", "av")
-"""Whose versions change the pictures."""
+LIBRARIES = ("numpy", "opencv-python-headless", "av")  # whose versions change the pictures
 
 
 def rendered(scenes: Path, preset: str, seed: int, seconds: float = SECONDS, fps: float = FPS) -> Path:

@@ -13,9 +13,9 @@ from pages.tables import Table, number, reached, table, yes
 from paper.conditions import Condition, Method, Outcome
 from paper.goals import BOX_NOISE, GRAVITY_GOAL_DEG, GROUND_GOAL_MM, PRESETS, SCALE_GOAL
 from paper.paper_figures import POSES, POSES_MEAN
-from paper.spread import failures, of, percent, pose_errors, verdicts, worst_errors
+from paper.parts import Wanted
+from paper.plots import failures, of, percent, pose_errors, verdicts, worst_errors
 from paper.sweep import sweep
-from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.simulation import SimulationOptions
 

@@ -10,16 +10,14 @@ from types import MappingProxyType
 from pages.records import Found
 from pages.tables import Table, table
 from paper.conditions import Condition, Outcome, run_conditions
-from paper.plots import Axis, Line, Panel, error_plot
-from paper.spread import HEAD, of, spread_cells
-from paper.wanted import Wanted
+from paper.parts import Wanted
+from paper.plots import HEAD, Axis, Line, Panel, error_plot, of, spread_cells
 from passerby.common.progress import Progress
 from passerby.simulation import PRESETS
 
 QUICK_SEEDS = 2
 
-Make = Callable[[str, str, float, int], Condition]
-"""The condition of a preset, a method, a level and a seed."""
+Make = Callable[[str, str, float, int], Condition]  # the condition of a preset, a method, a level and a seed
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,7 @@ class Swept:
     methods: tuple[str, ...]
     levels: tuple[float, ...]
     seeds: int
-    outcomes: Mapping[tuple[str, str, float], tuple[Outcome, ...]]
-    """(preset, method, level) -> outcome by seed."""
+    outcomes: Mapping[tuple[str, str, float], tuple[Outcome, ...]]  # (preset, method, level) -> outcome by seed
 
     def tables(self, axis: Axis) -> dict[str, Table]:
         """The spread of the errors by level and method, for each preset."""

@@ -18,8 +18,7 @@ SEED = 0
 WIDE = 3.0
 """Factor of the thresholds with the option `wide`. COLMAP's 4 px are meant for corners in pictures; points of people are off by
 more, in the order of 10 px where they are near."""
-MIN_MATCHES = 15
-"""COLMAP's own default: pairs with fewer matches are left out."""
+MIN_MATCHES = 15  # COLMAP's own default: pairs with fewer matches are left out
 
 
 def solve(source: Path, option: str) -> Poses:

@@ -19,8 +19,7 @@ from humancalib.calibration.ba import ba_main
 from humancalib.core import OP_BONE
 from protocol import Points, Poses, run
 
-CONFIDENCE = 0.5
-"""humancalib's default: joints below are not used."""
+CONFIDENCE = 0.5  # humancalib's default: joints below are not used
 SEED = 0
 MIN_SHARED = 15
 

@@ -12,19 +12,14 @@ from pages.kept import code_digest
 from pages.parts import Asked, Part, PartedPage
 from pages.records import Found, publish
 from peers import public
-from peers.cases import Case, all_cases, observed, quick_cases, write_scene
-from peers.judging import judge, mean_result
-from peers.observations import points_of
+from peers.cases import Case, all_cases, observed, points_of, quick_cases, write_scene
 from peers.runners import PASSERBY, PEERS, Engine, run_engine
-from peers.table import Row, costs_table, errors_table, goal_lines, summary_table
+from peers.table import Row, costs_table, errors_table, goal_lines, judge, mean_result, summary_table
 
-LANES = 2
-"""Cases side by side, a core each; the engines of one case run in turn."""
-LIMIT_S = 20.0
-"""A run of more seconds is a failure, for all engines alike."""
+LANES = 2  # cases side by side, a core each; the engines of one case run in turn
+LIMIT_S = 20.0  # a run of more seconds is a failure, for all engines alike
 KEPT = ROOT / "build" / "peers"
-CODE = ("peers", "lenses")
-"""Folders of the benchmarks that the outcomes depend on, beside the package."""
+CODE = ("peers", "lenses")  # folders of the benchmarks that the outcomes depend on, beside the package
 ENGINES = "engines"
 NOT_MADE = "not run: environment not made, `make bench-peers`"
 

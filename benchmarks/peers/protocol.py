@@ -25,28 +25,17 @@ Poses = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 class Points:
     """C cameras with known lenses and M sightings of points. The same person, instant and part is the same point."""
 
-    names: NDArray[np.str_]
-    """(C,)"""
-    size: NDArray[np.int64]
-    """(C, 2) width and height, pixels."""
-    matrix: NDArray[np.float64]
-    """(C, 3, 3)"""
-    distortions: NDArray[np.float64]
-    """(C, 5) OpenCV's k1, k2, p1, p2, k3."""
-    camera: NDArray[np.int64]
-    """(M,) index of the camera."""
-    person: NDArray[np.int64]
-    """(M,) whose."""
-    instant: NDArray[np.int64]
-    """(M,) when."""
-    part: NDArray[np.int64]
-    """(M,) which point of the person, from 0."""
-    pixel: NDArray[np.float64]
-    """(M, 2) in the picture, distorted."""
-    undistorted: NDArray[np.float64]
-    """(M, 2) where a lens without distortion and with the same matrix would have it."""
-    score: NDArray[np.float64]
-    """(M,) confidence; 1 of a box."""
+    names: NDArray[np.str_]  # (C,)
+    size: NDArray[np.int64]  # (C, 2) width and height, pixels
+    matrix: NDArray[np.float64]  # (C, 3, 3)
+    distortions: NDArray[np.float64]  # (C, 5) OpenCV's k1, k2, p1, p2, k3
+    camera: NDArray[np.int64]  # (M,) index of the camera
+    person: NDArray[np.int64]  # (M,) whose
+    instant: NDArray[np.int64]  # (M,) when
+    part: NDArray[np.int64]  # (M,) which point of the person, from 0
+    pixel: NDArray[np.float64]  # (M, 2) in the picture, distorted
+    undistorted: NDArray[np.float64]  # (M, 2) where a lens without distortion and with the same matrix would have it
+    score: NDArray[np.float64]  # (M,) confidence; 1 of a box
 
     def point_numbers(self) -> NDArray[np.int64]:
         """(M,) number of the point that each sighting shows, from 0."""
@@ -85,11 +74,8 @@ def write_result(target: Path, poses: Poses, seconds: float, failure: str | None
     """Write poses, processor seconds, peak memory and version as JSON."""
     content: dict[str, Any] = {
         "poses": {name: {"R": np.asarray(R).tolist(), "t": np.ravel(t).tolist()} for name, (R, t) in poses.items()},
-        "seconds": seconds,
-        "peak_mb": peak_mb(),
-        "failure": failure,
-        "version": f"{package} {metadata.version(package)}",
-    }
+        "seconds": seconds, "peak_mb": peak_mb(), "failure": failure, "version": f"{package} {metadata.version(package)}",
+    }  # fmt: skip
     target.write_text(json.dumps(content))
 
 

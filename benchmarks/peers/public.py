@@ -28,16 +28,14 @@ from passerby.core.observations import Keypoints
 from passerby.evaluation.metrics import compare
 
 SIZE = (1200, 1200)
-FPS = 10.0
-"""The scenes state no frame rate; all cameras are synchronised."""
+FPS = 10.0  # the scenes state no frame rate; all cameras are synchronised
 JOINTS = (
     "pelvis", "spine", "right_shoulder", "left_shoulder", "neck", "head", "head_top", "right_elbow", "right_forearm",
     "right_wrist", "left_elbow", "left_forearm", "left_wrist", "right_hip", "right_knee", "right_ankle", "left_hip",
     "left_knee", "left_ankle",
 )  # fmt: skip
 ENDS = ("stick_a", "stick_b")
-STICK_SD_M = 0.002
-"""Of the stick's length, which is exact: as good as a tape."""
+STICK_SD_M = 0.002  # of the stick's length, which is exact: as good as a tape
 LENSES = {"known": "Intrinsics known", "unknown": "Only the image size known"}
 INPUTS = {"joints": "joints alone", "stick": "with the stick"}
 
@@ -47,10 +45,8 @@ class PublicCase:
     """One scene, and what is known of it."""
 
     path: Path
-    lenses: str
-    """known, or unknown: only the image size is stated."""
-    input: str
-    """joints, or stick: the joints and the stick's two ends."""
+    lenses: str  # known, or unknown: only the image size is stated
+    input: str  # joints, or stick: the joints and the stick's two ends
 
     @property
     def key(self) -> str:

@@ -22,8 +22,7 @@ from passerby.core.cameras import Pose
 
 HERE = Path(__file__).resolve().parent
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
-PATIENCE = 10
-"""A process that sleeps is stopped after this many times its limit by the clock."""
+PATIENCE = 10  # a process that sleeps is stopped after this many times its limit by the clock
 
 
 @dataclass(frozen=True)
@@ -31,10 +30,8 @@ class Engine:
     """A program that finds camera poses."""
 
     name: str
-    script: str
-    """Runner beside this module."""
-    environment: str | None = None
-    """Folder `.venv-peer-NAME` of its interpreter; None: the one that runs this."""
+    script: str  # runner beside this module
+    environment: str | None = None  # folder `.venv-peer-NAME` of its interpreter; None: the one that runs this
     option: str = ""
     one_person_only: bool = False
 
@@ -50,12 +47,10 @@ class Engine:
 PASSERBY = Engine("Passerby", "passerby_runner.py")
 CALISCOPE = Engine("caliscope", "caliscope_runner.py", "caliscope")
 PEERS = (
-    CALISCOPE,
-    Engine("COLMAP", "colmap_runner.py", "colmap"),
-    Engine("COLMAP x3", "colmap_runner.py", "colmap", option="wide"),
+    CALISCOPE, Engine("COLMAP", "colmap_runner.py", "colmap"), Engine("COLMAP x3", "colmap_runner.py", "colmap", option="wide"),
     Engine("GLOMAP", "colmap_runner.py", "colmap", option="global"),
     Engine("humancalib BA", "humancalib_runner.py", "humancalib", one_person_only=True),
-)
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +58,9 @@ class Outcome:
     """What one run came to."""
 
     poses: dict[str, Pose] = field(default_factory=dict)
-    failure: str | None = None
-    """Why there is no result: timed out, or what the engine said."""
-    solve_seconds: float = float("nan")
-    """Processor seconds of the solver, its imports left out."""
-    whole_seconds: float = float("nan")
-    """Processor seconds of the whole process, start of Python and imports included."""
+    failure: str | None = None  # why there is no result: timed out, or what the engine said
+    solve_seconds: float = float("nan")  # processor seconds of the solver, its imports left out
+    whole_seconds: float = float("nan")  # processor seconds of the whole process, start of Python and imports included
     peak_mb: float = float("nan")
     version: str = ""
 
@@ -86,13 +78,9 @@ def run_engine(engine: Engine, source: Path, target: Path, limit_s: float) -> Ou
     command = [str(python), str(HERE / engine.script), str(source), str(target), *([engine.option] if engine.option else [])]
     with tempfile.TemporaryFile("w+") as said:
         child = subprocess.Popen(
-            command,
-            stdout=subprocess.DEVNULL,
-            stderr=said,
-            stdin=subprocess.DEVNULL,
-            env={**os.environ, **ONE_THREAD},
+            command, stdout=subprocess.DEVNULL, stderr=said, stdin=subprocess.DEVNULL, env={**os.environ, **ONE_THREAD},
             start_new_session=True,
-        )
+        )  # fmt: skip
         seconds = _wait(child, limit_s)
         if seconds is None:
             return Outcome(failure=f"timed out ({limit_s:g} s)", whole_seconds=limit_s)

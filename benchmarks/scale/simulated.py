@@ -23,16 +23,13 @@ FIRST_SEED = 700_000
 SECONDS = 30.0
 BOX_NOISE, MISSING = 0.02, 0.1
 JOINT_NOISE_PX = 2.0
-CLICK_PX = 2.0
-"""One standard deviation of every click, in the plan and in the images."""
-LENGTH_SHARE = 0.6
-"""Of the area's shorter side: how long the marked length is."""
+CLICK_PX = 2.0  # one standard deviation of every click, in the plan and in the images
+LENGTH_SHARE = 0.6  # of the area's shorter side: how long the marked length is
 LENGTH_SD_M = 0.02
 PLAN_PX = 1000
 UPPER = ("nose", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hip",
          "right_hip")  # fmt: skip
-FLAT = ("terrace", "basketball")
-"""The presets on which lengths and plans are tried."""
+FLAT = ("terrace", "basketball")  # the presets on which lengths and plans are tried
 
 
 FOUND = "person, identities found"
@@ -62,16 +59,10 @@ class ScaleCase:
         """Of the simulation."""
         upper = self.known == "upper bodies"
         return SimulationOptions(
-            preset=self.preset,
-            seed=self.seed,
-            seconds=SECONDS,
-            box_noise=BOX_NOISE,
-            missing=MISSING,
-            cameras=3 if upper else None,
-            people=5 if upper else None,
-            joint_noise_px=JOINT_NOISE_PX,
+            preset=self.preset, seed=self.seed, seconds=SECONDS, box_noise=BOX_NOISE, missing=MISSING,
+            cameras=3 if upper else None, people=5 if upper else None, joint_noise_px=JOINT_NOISE_PX,
             unrelated_ids=self.identities_found,
-        )
+        )  # fmt: skip
 
 
 KNOWN: Mapping[str, tuple[tuple[str, ...], tuple[str, ...], int]] = {

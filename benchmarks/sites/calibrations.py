@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-import os
-import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,93 +17,51 @@ from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import read_folder_rig
 from passerby.interchange.rig_toml import read_rig
-from sites.cases import FIRST_SEED, SiteCase
+from sites.cases import SiteCase, taken
 
-SHARED_M2 = 5.0
-"""Ground that two cameras share, from which they belong into one rig."""
-FEWEST_COMMON = 3
-"""People in common, from which an overlap is used."""
-HALL_SECONDS = 60.0
-"""Of the hall that all cameras see: more would only be thinned out."""
+SHARED_M2 = 5.0  # ground that two cameras share, from which they belong into one rig
+FEWEST_COMMON = 3  # people in common, from which an overlap is used
+HALL_SECONDS = 60.0  # of the hall that all cameras see: more would only be thinned out
 
 
-@dataclass(frozen=True)
-class HallCase:
-    """Cameras around one hall, people's identities known."""
-
-    cameras: int
-    seed: int = FIRST_SEED
-
-    @property
-    def arguments(self) -> list[str]:
-        """Of `passerby simulate`."""
-        count, seed = str(self.cameras), str(self.seed)
-        return ["--preset", "basketball", "--cameras", count, "--seed", seed, "--seconds", f"{HALL_SECONDS:g}"]
-
-
-def halls(seeds: int) -> dict[str, HallCase]:
-    """By key."""
+def halls(seeds: int) -> dict[str, SiteCase]:
+    """Cameras around one hall, people's identities known, by key."""
     del seeds
-    return {f"{count} cameras": HallCase(count) for count in (8, 32)}
+    return {f"{count} cameras": SiteCase(count) for count in (8, 32)}
 
 
 def sites(seeds: int) -> dict[str, SiteCase]:
     """Sites that are calibrated from tracklets, by key."""
     del seeds
-    return {f"{count} cameras": SiteCase(count, FIRST_SEED) for count in (25, 100)}
+    return {f"{count} cameras": SiteCase(count) for count in (25, 100)}
 
 
-def measure_hall(case: HallCase) -> dict[str, Any]:
+def measure_hall(case: SiteCase) -> dict[str, Any]:
     """What a calibration takes, and its errors."""
-    return {"cameras": case.cameras, **_calibrated(case.arguments)}
+    options = ("--preset", "basketball", "--cameras", str(case.cameras), "--seed", str(case.seed))
+    return {"cameras": case.cameras, **_calibrated([*options, "--seconds", f"{HALL_SECONDS:g}"])}
 
 
 def measure_site(case: SiteCase) -> dict[str, Any]:
-    """The same of a site."""
-    options = case.options
-    arguments = [
-        "--preset", options.preset, "--cameras", str(case.cameras), "--seed", str(case.seed), "--seconds",
-        f"{options.seconds:g}", "--box-noise", str(options.box_noise), "--missing", str(options.missing),
-        "--tracklet-seconds", str(options.tracklet_seconds),
-    ]  # fmt: skip
-    return {"cameras": case.cameras, **_calibrated(arguments, with_overlaps=True)}
+    """The same of a site, and the share of cameras in their group and of overlaps that are used."""
+    return {"cameras": case.cameras, **_calibrated(case.arguments, with_overlaps=True)}
 
 
 def _calibrated(arguments: Sequence[str], *, with_overlaps: bool = False) -> dict[str, Any]:
-    """Simulate, then calibrate; times and memory are of the calibration with all its processes, without the report.
-
-    `with_overlaps`: the share of cameras in their group is that of the simulation's overlaps.
-    """
+    """Simulate, then calibrate without the report."""
     with tempfile.TemporaryDirectory(prefix="passerby-site-") as folder:
         site, out = Path(folder) / "site", Path(folder) / "out"
-        program = [sys.executable, "-m", "passerby"]
-        subprocess.run([*program, "simulate", "-o", str(site), *arguments], check=True, stdout=subprocess.DEVNULL)
-        began = time.perf_counter()
-        command = [*program, "calibrate", str(site / "scene.toml"), "-o", str(out), "--no-report"]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        _, status, used = os.wait4(process.pid, 0)
-        if os.waitstatus_to_exitcode(status) not in (0, 3):  # 3: written, but not all of it is accepted
-            raise RuntimeError(f"{' '.join(command)} ended with status {status}")
-        return {
-            "cpu_s": used.ru_utime + used.ru_stime, "wall_s": time.perf_counter() - began,
-            "memory_mb": used.ru_maxrss / 1024,
-            **outcome_of(out, site / "truth.toml", site / "overlaps.csv" if with_overlaps else None),
-        }  # fmt: skip
+        taken("simulate", "-o", str(site), *arguments)
+        spent = taken("calibrate", str(site / "scene.toml"), "-o", str(out), "--no-report")
+        return spent | outcome_of(out, site / "truth.toml", site / "overlaps.csv" if with_overlaps else None)
 
 
 def outcome_of(out: Path, truth: Path, overlaps: Path | None = None) -> dict[str, Any]:
-    """The groups of an output folder, with verdicts and errors of their shape.
-
-    Args:
-        out: of `passerby calibrate`.
-        truth: rig file with the true poses.
-        overlaps: table of the ground that pairs of cameras share; None: the share of cameras in their group is left out.
-    """
-    main = json.loads((out / "calibration.json").read_text(encoding="utf-8"))
-    folders = [out, *(out / one["folder"] for one in main.get("groups", ()))]
+    """The groups of an output folder, with verdicts and errors of their shape, and what is said of a table of overlaps."""
+    folders = [out, *(out / one["folder"] for one in _document(out).get("groups", ()))]
     true = read_rig(truth)
     groups = [found for folder in folders if (found := _group(folder, true)) is not None]
-    moved = sum(one["code"] == "camera_moved" for one in _diagnostics(folders))
+    moved = sum(one["code"] == "camera_moved" for folder in folders for one in _document(folder)["diagnostics"])
     share = {} if overlaps is None else {
         "in_group": share_in_group([group["cameras"] for group in groups], overlaps),
         "used_overlaps": share_of_used_overlaps(folders, overlaps),
@@ -128,12 +81,7 @@ def share_in_group(rigs: Sequence[Sequence[str]], overlaps: Path) -> float:
 
 
 def share_of_used_overlaps(folders: Sequence[Path], overlaps: Path) -> float:
-    """Share of the pairs of cameras with common ground that have at least `FEWEST_COMMON` people in common in a calibration.
-
-    Args:
-        folders: of each group's results.
-        overlaps: table of the ground that pairs of cameras share.
-    """
+    """Share of the pairs of cameras with common ground that have at least `FEWEST_COMMON` people in common in a calibration."""
     pairs, used = _sharing(overlaps), set[tuple[str, str]]()
     for folder in folders:
         people = {file.stem: set(read_boxes(file).identity.tolist()) - {UNKNOWN} for file in (folder / "tracks").glob("*.txt")}
@@ -156,18 +104,15 @@ def _group(folder: Path, truth: Rig) -> dict[str, Any] | None:
         return None
     errors = compare(rig, truth).similarity
     return {
-        "verdict": json.loads((folder / "calibration.json").read_text(encoding="utf-8"))["verdict"],
+        "verdict": _document(folder)["verdict"],
         "position_mm": list(errors.position_mm.values()), "orientation_deg": list(errors.orientation_deg.values()),
         "cameras": list(rig.names),
     }  # fmt: skip
 
 
-def _diagnostics(folders: Sequence[Path]) -> list[Mapping[str, Any]]:
-    return [
-        one
-        for folder in folders
-        for one in json.loads((folder / "calibration.json").read_text(encoding="utf-8"))["diagnostics"]
-    ]
+def _document(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
+    return found
 
 
 def errors_of(case: Mapping[str, Any]) -> tuple[float, float]:

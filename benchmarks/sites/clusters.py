@@ -7,11 +7,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sites.cases import BOX_NOISE, FIRST_SEED, MISSING, TRACKLET_S
+from sites.cases import SiteCase
 from sites.loopback import ENVIRONMENT, contents, killing, scheduler, workers
 
 SECONDS = 300.0
@@ -24,29 +23,17 @@ runpy.run_module("passerby", run_name="__main__", alter_sys=True)
 """
 
 
-@dataclass(frozen=True)
-class ClusterCase:
-    """One site."""
-
-    cameras: int
-    seed: int = FIRST_SEED
-
-
-def cases(seeds: int) -> dict[str, ClusterCase]:
+def cases(seeds: int) -> dict[str, SiteCase]:
     """By key."""
     del seeds
-    return {f"{count} cameras": ClusterCase(count) for count in (25,)}
+    return {f"{count} cameras": SiteCase(count, seconds=SECONDS) for count in (25,)}
 
 
-def measure(case: ClusterCase) -> dict[str, Any]:
+def measure(case: SiteCase) -> dict[str, Any]:
     """Seconds of each way, and which files are not the same to the last byte: plain values."""
     with tempfile.TemporaryDirectory(prefix="passerby-cluster-") as scratch:
         folder = Path(scratch)
-        _passerby(
-            "simulate", "-o", str(folder / "site"), "--preset", "airport", "--cameras", str(case.cameras), "--seed",
-            str(case.seed), "--seconds", f"{SECONDS:g}", "--box-noise", str(BOX_NOISE), "--missing", str(MISSING),
-            "--tracklet-seconds", str(TRACKLET_S),
-        )  # fmt: skip
+        _passerby("simulate", "-o", str(folder / "site"), *case.arguments)
         cpu_s = time.process_time() + _children_s()
         scene = str(folder / "site" / "scene.toml")
         took = {

@@ -14,10 +14,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-PATIENCE_S = 120
-"""How long a process may take to begin: seconds, on a busy machine many."""
-UNTOLD = (".lock",)
-"""Endings of files that only help the next run."""
+PATIENCE_S = 120  # how long a process may take to begin: seconds, on a busy machine many
+UNTOLD = (".lock",)  # endings of files that only help the next run
 
 Process = subprocess.Popen[bytes]
 
@@ -56,14 +54,7 @@ def scheduler(command: Sequence[str] = SCHEDULER) -> Iterator[tuple[str, Process
 
 @contextmanager
 def workers(address: str, folder: Path, count: int, command: Sequence[str] = WORKER) -> Iterator[list[Process]]:
-    """Worker processes with their files in `folder`, each with a nanny that begins it again when it dies.
-
-    Args:
-        address: of the scheduler, which takes the place of the one in `command`.
-        folder: is made.
-        count: of workers.
-        command: of `dask`.
-    """
+    """Worker processes with their files in `folder`, each with a nanny that begins it again when it dies."""
     from distributed import Client
 
     folder.mkdir()

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,51 +15,36 @@ import numpy as np
 from passerby.core.cameras import Camera, Pose, PoseSigma, Rig
 from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.rig_toml import read_rig, write_rig
-from sites.cases import BOX_NOISE, FIRST_SEED, MISSING, TRACKLET_S
+from sites.cases import SiteCase, taken
 
 SIZES = (50, 200)
 SECONDS = 120.0
-NEWS = 0.05
-"""Share of the cameras that have new footage the second time: the first ones, which are neighbours."""
-MOVED, TURN_DEG = 0.05, 2.0
-"""Share of the cameras that were turned since the rig was calibrated, and by how much."""
-POSITION_SD_M, TURN_SD_DEG = 0.01, 0.05
-"""Errors of the rig in each direction, which its sigmas state."""
+NEWS = 0.05  # share of the cameras that have new footage the second time: the first ones, which are neighbours
+MOVED, TURN_DEG = 0.05, 2.0  # share of the cameras that were turned since the rig was calibrated, and by how much
+POSITION_SD_M, TURN_SD_DEG = 0.01, 0.05  # errors of the rig in each direction, which its sigmas state
 
 
-@dataclass(frozen=True)
-class MonitoringCase:
-    """One site."""
-
-    cameras: int
-    seed: int = FIRST_SEED
-
-
-def sites(seeds: int) -> dict[str, MonitoringCase]:
+def sites(seeds: int) -> dict[str, SiteCase]:
     """Sites that are monitored, by key."""
     del seeds
-    return {f"{count} cameras": MonitoringCase(count) for count in SIZES}
+    return {f"{count} cameras": SiteCase(count, seconds=SECONDS) for count in SIZES}
 
 
-def measure(case: MonitoringCase) -> dict[str, Any]:
+def measure(case: SiteCase) -> dict[str, Any]:
     """Monitor a site twice: all its cameras, and those with news since."""
     with tempfile.TemporaryDirectory(prefix="passerby-monitoring-") as folder:
         site, out = Path(folder) / "site", Path(folder) / "checked"
-        _passerby([
-            "simulate", "-o", str(site), "--preset", "airport", "--cameras", str(case.cameras), "--seed", str(case.seed),
-            "--seconds", f"{SECONDS:g}", "--clock-offsets", "0", "--box-noise", str(BOX_NOISE), "--missing", str(MISSING),
-            "--tracklet-seconds", str(TRACKLET_S),
-        ])  # fmt: skip
+        taken("simulate", "-o", str(site), *case.arguments, "--clock-offsets", "0")
         rig, moved = calibrated_before(read_rig(site / "truth.toml"), case.seed)
         write_rig(site / "rig.toml", rig)
         command = ["monitor", str(site / "rig.toml"), str(site / "scene.toml"), "-o", str(out)]
-        every = _passerby(command)
+        every = taken(*command)
         told = json.loads((out / "monitor.json").read_text(encoding="utf-8"))
         fresh = rig.names[: round(NEWS * case.cameras)]
         for name in fresh:
             path = site / "tracks" / f"{name}.txt"
             os.utime(path, (path.stat().st_atime, path.stat().st_mtime + 60))
-        few = _passerby(command)
+        few = taken(*command)
         again = json.loads((out / "monitor.json").read_text(encoding="utf-8"))
     return {
         "cameras": case.cameras, "minutes": SECONDS / 60, "cpu_s": every["cpu_s"] + few["cpu_s"], "all": every, "few": few,
@@ -104,16 +86,3 @@ def outcome_of(told: Mapping[str, Any], moved: Sequence[str]) -> dict[str, Any]:
         "falsely": sum(state[name] in ("moved", "one of several moved") for name in state if name not in moved),
         "untested": sum(one == "cannot tell" for one in state.values()),
     }
-
-
-def _passerby(arguments: Sequence[str]) -> dict[str, float]:
-    """What a command takes with all its processes."""
-    began = time.perf_counter()
-    command = [sys.executable, "-m", "passerby", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    _, status, used = os.wait4(process.pid, 0)
-    if os.waitstatus_to_exitcode(status) not in (0, 3):  # 3: a camera has moved, or cannot be tested
-        raise RuntimeError(f"{' '.join(command)} ended with status {status}")
-    return {
-        "cpu_s": used.ru_utime + used.ru_stime, "wall_s": time.perf_counter() - began, "memory_mb": used.ru_maxrss / 1024,
-    }  # fmt: skip

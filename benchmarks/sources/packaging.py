@@ -30,25 +30,16 @@ class Packaging:
 
     key: str
     text: str
-    name: str
-    """Of the file; {camera} stands for the camera's. Of images the pattern of their numbers."""
-    codec: str
-    """Encoder of FFmpeg; "" for JPEG images."""
+    name: str  # of the file; {camera} stands for the camera's. Of images the pattern of their numbers.
+    codec: str  # encoder of FFmpeg; "" for JPEG images
     pixels: str = "yuv420p"
-    options: Mapping[str, str] = field(default_factory=dict)
-    """Of the encoder."""
-    colours: tuple[int, int, int] | None = None
-    """Primaries, transfer and matrix, numbers of ITU-T H.273, where they are stated."""
-    rotation: int = 0
-    """Degrees counter-clockwise by which players turn the stored pictures: 0, 90, 180 or 270."""
-    less: int = 0
-    """Columns and rows that are left out at the right and at the bottom."""
-    share: float = 1.0
-    """Of the pictures that is written: where it is below 1 their times are uneven."""
-    cut_s: float = 0.0
-    """At the beginning, that is stored, but left out by an edit list."""
-    sound: str = ""
-    """The one camera with sound; no camera where it is empty."""
+    options: Mapping[str, str] = field(default_factory=dict)  # of the encoder
+    colours: tuple[int, int, int] | None = None  # primaries, transfer and matrix, numbers of ITU-T H.273, where they are stated
+    rotation: int = 0  # degrees counter-clockwise by which players turn the stored pictures: 0, 90, 180 or 270
+    less: int = 0  # columns and rows that are left out at the right and at the bottom
+    share: float = 1.0  # of the pictures that is written: where it is below 1 their times are uneven
+    cut_s: float = 0.0  # at the beginning, that is stored, but left out by an edit list
+    sound: str = ""  # the one camera with sound; no camera where it is empty
     b_frames: int = 2
 
     @property
@@ -59,8 +50,7 @@ class Packaging:
 
 PLAIN = Packaging("plain", "MP4, H.264", "{camera}.mp4", "libx264")
 X264: Mapping[str, str] = {"preset": "veryfast", "threads": "1"}
-HLG = (9, 18, 9)
-"""ITU-R BT.2100 as phones write it: primaries of BT.2020, hybrid log-gamma, matrix of BT.2020."""
+HLG = (9, 18, 9)  # ITU-R BT.2100 as phones write it: primaries of BT.2020, hybrid log-gamma, matrix of BT.2020
 
 PACKAGINGS: tuple[Packaging, ...] = (
     Packaging("rotated", "MOV, H.264, rotated by 90° in the metadata", "{camera}.MOV", "libx264", rotation=90),
@@ -101,16 +91,7 @@ def shown(packaging: Packaging, count: int, fps: float) -> list[int]:
 
 
 def pack(packaging: Packaging, pictures: Iterable[Picture], count: int, fps: float, folder: Path, camera: str) -> str:
-    """Write a camera's film; its lines in the scene file, relative to the folder.
-
-    Args:
-        packaging: how.
-        pictures: (H, W, 3) BGR, upright, `count` of them.
-        count: number of pictures.
-        fps: their rate.
-        folder: where files are made.
-        camera: its name.
-    """
+    """Write a camera's film; its lines in the scene file, relative to the folder."""
     name = packaging.name.replace("{camera}", camera)
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -14,46 +14,33 @@ import numpy as np
 from sources.recorded_films import BEGIN, calibrated, coded_films, cut, names_of, scene_of
 
 PIECE_S, MISSING = 10.0, 0.05
-DRAW = 0
-"""Seed of the draw of the pieces that are lost."""
+DRAW = 0  # seed of the draw of the pieces that are lost
 FILES, PIECES = "files", "pieces"
 
 
-@dataclass(frozen=True)
-class PiecesCase:
-    """The films in `film` as they are, or in pieces."""
-
-    kind: str
-    film: Path
-
-
-def cases(scenes: Path) -> dict[str, PiecesCase]:
-    """By key, the whole files first."""
+def cases(scenes: Path) -> dict[str, tuple[str, Path]]:
+    """By key the kind and the films: as they are, then in pieces."""
     film = coded_films(scenes)
-    return {kind: PiecesCase(kind, film) for kind in (FILES, PIECES)}
+    return {kind: (kind, film) for kind in (FILES, PIECES)}
 
 
-def work(case: PiecesCase) -> dict[str, Any]:
+def work(case: tuple[str, Path]) -> dict[str, Any]:
     """The rig against the truth, and whether each gap was reported: plain values."""
-    names = names_of(case.film)
+    kind, film = case
+    names = names_of(film)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        if case.kind == FILES:
-            videos = {name: (case.film / "coded" / f"{name}.mp4").as_posix() for name in names}
-            return {"about": {"text": "whole files"}, **calibrated(scene_of(case.film, videos, folder), case.film, {})}
+        if kind == FILES:
+            videos = {name: (film / "coded" / f"{name}.mp4").as_posix() for name in names}
+            return {"about": {"text": "whole files"}, **calibrated(scene_of(film, videos, folder), film, {})}
         pieces = {
-            name: list(cut(case.film / "coded" / f"{name}.mp4", PIECE_S, Frigate(folder / "recordings", name)))
-            for name in names
+            name: list(cut(film / "coded" / f"{name}.mp4", PIECE_S, Frigate(folder / "recordings", name))) for name in names
         }
         lost = drawn({name: len(paths) for name, paths in pieces.items()}, np.random.default_rng(DRAW))
         lose(pieces, lost)
-        scene = scene_of(case.film, {name: f"recordings/*/*/{name}/*.mp4" for name in names}, folder)
+        scene = scene_of(film, {name: f"recordings/*/*/{name}/*.mp4" for name in names}, folder)
         text = f"{sum(map(len, pieces.values()))} pieces, {len(lost) - 1} missing, 1 broken"
-        return {"about": {"text": text}, "lost": [list(one) for one in lost], **calibrated(scene, case.film, {})}
-
-
-def _cut(film: Path, name: str, folder: Path) -> list[Path]:
-    return list(cut(film / "coded" / f"{name}.mp4", PIECE_S, Frigate(folder / "recordings", name)))
+        return {"about": {"text": text}, "lost": [list(one) for one in lost], **calibrated(scene, film, {})}
 
 
 @dataclass(frozen=True)
@@ -62,8 +49,7 @@ class Frigate:
 
     folder: Path
     camera: str
-    begin: datetime = BEGIN
-    """Wall time of second 0."""
+    begin: datetime = BEGIN  # wall time of second 0
 
     def __call__(self, second: float) -> Path:
         """Where the piece lies."""

@@ -19,19 +19,40 @@ from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
+from passerby.perception.video import VideoReader, probe
 from passerby.scene.scene import Scene
-from sources.containers import PERCEPTION, SEED, packed, rendered_film
-from sources.packaging import PLAIN
+from passerby.simulation import SimulationOptions, simulate, write_scene
+from passerby.simulation.rendering import RenderOptions
+from sources.packaging import PLAIN, Packaging, pack
 
+PRESET, SEED, FPS = "terrace", 800_000, 10.0
 CAMERAS, SECONDS = 4, 100.0
-CODED = replace(PLAIN, key="coded", b_frames=0)
-"""As network cameras send it: no picture refers to a later one."""
+METHOD = """[perception]
+detector = "background"
+embedder = "stripes"
+keypoints = "none"
+[association]
+mode = "combined"
+"""  # of a scene file: no networks, clocks searched for as by default
+CODED = replace(PLAIN, key="coded", b_frames=0)  # as network cameras send it: no picture refers to a later one
 BEGIN = datetime(2026, 11, 22, 7, 59, 10, tzinfo=UTC)
 """Wall time of the films' second 0. Frigate has folders of hours: the recordings lie in two."""
 
 
-METHOD = f'{PERCEPTION}[association]\nmode = "combined"\n'
-"""Of a scene file: no networks, clocks searched for as by default."""
+def rendered_film(scenes: Path, cameras: int = 3, seconds: float = 40.0, seed: int = SEED) -> Path:
+    """The folder of a film, as `passerby simulate --video` writes it; made unless it is there."""
+    folder = scenes / f"sources-{PRESET}-{seed}-{cameras}-{seconds:g}-{FPS:g}"
+    if not (folder / "scene.toml").is_file():
+        options = SimulationOptions(preset=PRESET, seed=seed, cameras=cameras, seconds=seconds, fps=FPS, unrelated_ids=True)
+        write_scene(simulate(options), folder, video=RenderOptions())
+    return folder
+
+
+def packed(packaging: Packaging, film: Path, name: str, folder: Path) -> str:
+    """A camera's rendered film, packed into a folder; its lines in the scene file."""
+    video = next(path for path in (film / "videos" / f"{name}.mp4", film / f"{name}.mp4") if path.is_file())
+    pictures = (frame.picture for frame in VideoReader(video))
+    return pack(packaging, pictures, probe(video).frames or 0, FPS, folder, name)
 
 
 def coded_films(scenes: Path, seconds: float = SECONDS, seed: int = SEED) -> Path:
@@ -54,14 +75,7 @@ def names_of(film: Path) -> tuple[str, ...]:
 def cut(video: Path, piece_s: float, path_of: Callable[[float], Path], from_s: float = 0.0) -> dict[Path, float]:
     """Cut a video as recorders do: packets are copied, and each piece begins with a key frame.
 
-    Args:
-        video: any video file.
-        piece_s: least length of a piece.
-        path_of: the file of the piece that begins at a second of the video.
-        from_s: what is before is left out.
-
-    Returns:
-        Path -> second of the video at which it begins.
+    Returns path -> second of the video at which it begins.
     """
     pieces: list[list[av.Packet[Any]]] = []
     with av.open(str(video)) as source:
@@ -90,12 +104,15 @@ def cut(video: Path, piece_s: float, path_of: Callable[[float], Path], from_s: f
 
 def scene_of(film: Path, videos: Mapping[str, str], folder: Path) -> Path:
     """A scene file of what was recorded."""
-    text = "".join(
-        f'[cameras.{name}]\nintrinsics = "{(film / "intrinsics.toml").as_posix()}"\nvideo = "{video}"\n'
-        for name, video in videos.items()
-    )
-    (folder / "scene.toml").write_text(text + METHOD, encoding="utf-8")
+    lines = {name: f'video = "{video}"\n' for name, video in videos.items()}
+    (folder / "scene.toml").write_text(scene_text(film, lines), encoding="utf-8")
     return folder / "scene.toml"
+
+
+def scene_text(film: Path, lines: Mapping[str, str]) -> str:
+    """The same with any lines for each camera; it ends with the table `[association]`."""
+    intrinsics = f'intrinsics = "{(film / "intrinsics.toml").as_posix()}"\n'
+    return "".join(f"[cameras.{name}]\n{intrinsics}{own}" for name, own in lines.items()) + METHOD
 
 
 def calibrated(scene: Path, film: Path, clocks_off_s: Mapping[str, float]) -> dict[str, Any]:
@@ -125,9 +142,9 @@ def _gaps(found: Calibration) -> list[Any]:
 def _worst_offset_ms(found: Calibration, clocks_off_s: Mapping[str, float]) -> float | None:
     """The largest error of a registered camera's offset against the first one's."""
     names = found.rig.posed().names
-    if found.association is None or len(names) < 2:
+    clocks = found.association.clocks if found.association else {}
+    if len(names) < 2 or not {*names} <= clocks.keys():
         return None
-    clocks = found.association.clocks
     # What is added to a clock that shows too much is negative.
     off = np.array([clocks[name].offset_s + clocks_off_s.get(name, 0.0) for name in names])
     return float(1000 * np.abs(off - off[0]).max())

@@ -19,10 +19,8 @@ from passerby.perception.video import VideoInfo
 RATE = 16000
 SECONDS = (60.0, 180.0)
 LARGEST_LAG_S = 40.0
-REVERBERATION_S = (0.2, 1.2)
-"""Time in which an echo falls by 60 dB."""
-NOISE_DB = (-6.0, 20.0)
-"""Of the sound over the noise of each microphone."""
+REVERBERATION_S = (0.2, 1.2)  # time in which an echo falls by 60 dB
+NOISE_DB = (-6.0, 20.0)  # of the sound over the noise of each microphone
 LIMIT_S = 0.020
 
 
@@ -31,8 +29,7 @@ class SoundCase:
     """One pair of recordings."""
 
     seed: int
-    seconds: tuple[float, float] = SECONDS
-    """From and to: how long they are is drawn."""
+    seconds: tuple[float, float] = SECONDS  # from and to: how long they are is drawn
 
     @property
     def shared(self) -> bool:
@@ -46,8 +43,7 @@ class SoundOutcome:
 
     seed: int
     shared: bool
-    error_s: float | None
-    """None where there is no answer; for pairs without common sound the answer itself."""
+    error_s: float | None  # none where there is no answer; for pairs without common sound the answer itself
 
     @property
     def wrong(self) -> bool:

@@ -30,8 +30,7 @@ LARGEST = 1400
 class Film:
     """Pictures of an H.264 film, coded, and when each is shown."""
 
-    pictures: list[tuple[float, bool, list[bytes]]]
-    """Seconds, whether it can be decoded by itself, and its NAL units."""
+    pictures: list[tuple[float, bool, list[bytes]]]  # seconds, whether it can be decoded by itself, and its NAL units
 
     @classmethod
     def read(cls, path: Path) -> Film:
@@ -62,18 +61,12 @@ class Camera:
 
     film: Film
     password: str = ""
-    clock_off_s: float = 0.0
-    """Of the wall clock that its sender reports tell; NaN: it tells none."""
-    breaks_s: Sequence[float] = ()
-    """Seconds of the film at which it closes all connections."""
-    on_s: float = 0.0
-    """Second of the film at which it is switched on: before it answers nobody."""
-    silent_s: float = 0.0
-    """How long it sends nothing after it was asked to play."""
-    began: float = field(default_factory=time.time)
-    """Wall time of second 0 of the film."""
-    connections: list[float] = field(default_factory=list)
-    """When clients connected."""
+    clock_off_s: float = 0.0  # of the wall clock that its sender reports tell; NaN: it tells none
+    breaks_s: Sequence[float] = ()  # seconds of the film at which it closes all connections
+    on_s: float = 0.0  # second of the film at which it is switched on: before it answers nobody
+    silent_s: float = 0.0  # how long it sends nothing after it was asked to play
+    began: float = field(default_factory=time.time)  # wall time of second 0 of the film
+    connections: list[float] = field(default_factory=list)  # when clients connected
 
 
 class _Rtsp(socketserver.BaseRequestHandler):

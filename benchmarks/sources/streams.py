@@ -15,14 +15,10 @@ from command import ONE_THREAD, passerby
 from sources.recorded_films import BEGIN, METHOD, SECONDS, calibrated, coded_films, cut, names_of, scene_of
 from sources.stream_servers import Film, rtsp_camera
 
-LATEST_S = 60.0
-"""The last camera is switched on so much after the first, the others between them."""
-BREAKS = (0.35, 0.6, 0.85)
-"""Of the film: when the second camera closes its connections."""
-CLOCK_OFF_S = 2.0
-"""Of the third camera."""
-ENDS_EARLY_S = 4.0
-"""The recording ends before the film does, however long the program takes to start."""
+LATEST_S = 60.0  # the last camera is switched on so much after the first, the others between them
+BREAKS = (0.35, 0.6, 0.85)  # of the film: when the second camera closes its connections
+CLOCK_OFF_S = 2.0  # of the third camera
+ENDS_EARLY_S = 4.0  # the recording ends before the film does, however long the program takes to start
 LOGIN = "keeper:t0psecret"
 FILES, STREAMS = "files", "streams"
 

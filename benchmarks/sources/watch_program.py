@@ -19,8 +19,7 @@ from passerby.perception.plan import make_plan
 from passerby.perception.video import probe
 from passerby.perception.watching import CameraJob, watch_camera
 
-RATE = 5.0
-"""Pictures a second that a calibration looks at."""
+RATE = 5.0  # pictures a second that a calibration looks at
 
 
 def main() -> None:

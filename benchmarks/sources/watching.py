@@ -13,12 +13,9 @@ from datasets import ROOT, models_folder
 from earlier_version import commit_named, unpack
 from perception_scenes import LARGE_SECONDS, large_video, repeated
 
-EARLIER = "35d694e6f9c84c369e077b7f9431eef07b09639e"
-"""The last commit before recordings in pieces and sparse readings."""
-SECONDS = 600.0
-"""Of the video."""
-KEY_EVERY_S = 2.0
-"""Between two key frames, as network cameras send them."""
+EARLIER = "35d694e6f9c84c369e077b7f9431eef07b09639e"  # the last commit before recordings in pieces and sparse readings
+SECONDS = 600.0  # of the video
+KEY_EVERY_S = 2.0  # between two key frames, as network cameras send them
 DETECTORS = {"background": 1.0, "yolox-nano": 0.1}
 """Of each the share of the video that is processed: networks take longer, and learn nothing from the whole."""
 PROGRAM = Path(__file__).with_name("watch_program.py")

@@ -17,8 +17,7 @@ from passerby.simulation import PRESETS, SimulationOptions, simulate
 
 FIRST_SEED, SECONDS = 800_000, 60.0
 BOX_NOISE, MISSING = 0.02, 0.1
-ZONES = 100
-"""Of a rig."""
+ZONES = 100  # of a rig
 NEAREST_SHARE, MOST_TRIES = 0.08, 20_000
 """Smallest width and height of a zone, as a share of the image's; zones that are drawn before a rig is given up."""
 

@@ -7,7 +7,12 @@ from pathlib import Path
 
 import pytest
 
+import local_page_page
+import scale_page
+import sites_page
+import sources_page
 from pages import records, render
+from pages.parts import PartedPage
 from pages.records import GOALS, Found, Output, page_path, publish, read_records
 from pages.tables import WIDEST, table
 
@@ -36,6 +41,15 @@ def test_each_page_has_a_template_and_each_record_a_page() -> None:
     pages = {path.stem for path in (records.DOCS / "results").glob("*.md")} | {records.RELIABILITY}
     assert pages == set(render.page_names())
     assert {path.parent.name for path in records.RECORDS.rglob("*.json")} < pages
+
+
+@pytest.mark.parametrize(
+    "page", [local_page_page.PAGE, scale_page.PAGE, sites_page.PAGE, sources_page.page()], ids=lambda page: page.name
+)
+def test_pages_of_parts_have_all_their_parts(page: PartedPage) -> None:
+    template = (render.TEMPLATES / f"{page.name}.md").read_text()
+    assert all(f"{{{{ {part}" in template for part in page.parts)
+    assert "Not run" not in render.render(page.name)
 
 
 def test_each_part_keeps_the_commit_that_it_was_run_on(named: Callable[[str], None], templates: Path, tmp_path: Path) -> None:

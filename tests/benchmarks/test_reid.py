@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
+import command
+import reid
+import reid_runs
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import write_boxes
 
@@ -31,54 +32,52 @@ def written(folder: Path, found: dict[str, Boxes]) -> Path:
     return folder
 
 
-def test_identities_are_judged_by_the_true_boxes_that_theirs_overlap(
-    bench: Callable[[str], ModuleType], truth: dict[str, Boxes], tmp_path: Path
-) -> None:
+def test_identities_are_judged_by_the_true_boxes_that_theirs_overlap(truth: dict[str, Boxes], tmp_path: Path) -> None:
     """Boxes a few pixels off count; from frame 6 on one camera has the two people exchanged; one box shows nobody."""
     seen = replace(truth["A"], ltwh=truth["A"].ltwh + (3.0, -4.0, 2.0, 5.0), identity=truth["A"].identity + 10)
     swapped = replace(seen, identity=np.where(seen.frame > 5, 23 - seen.identity, seen.identity))
     elsewhere = Boxes(np.array([3]), np.array([30]), np.array([[500.0, 50.0, 40.0, 100.0]]), np.ones(1))
     a = Boxes(*(np.concatenate([getattr(seen, k), getattr(elsewhere, k)]) for k in ("frame", "identity", "ltwh", "score")))
-    found = bench("reid_scores").identities(written(tmp_path, {"A": a, "B": swapped}), truth)
+    found = reid_runs.identities(written(tmp_path, {"A": a, "B": swapped}), truth)
     assert (found.precision, found.recall) == (0.5, 0.5)
     assert found.pairs_true == 20
-    nobody = bench("reid_scores").identities(tmp_path / "none", truth)
+    nobody = reid_runs.identities(tmp_path / "none", truth)
     assert (nobody.precision, nobody.recall) == (None, 0.0)
 
 
-def test_the_tables_tell_recorded_results(bench: Callable[[str], ModuleType], truth: dict[str, Boxes], tmp_path: Path) -> None:
+def test_the_tables_tell_recorded_results(truth: dict[str, Boxes], tmp_path: Path) -> None:
     """Goals that are reached and missed, refused runs, and means over the seeds that have any."""
-    tables, runs, command = bench("reid_tables"), bench("reid_runs"), bench("command")
-    scores = bench("reid_scores")
     shares = {"rank_1": 0.85, "rank_5": 0.9, "map": 0.7}
     poor = {"plain": {**shares, "rank_1": 0.25}, "centred": {**shares, "rank_1": 0.3}}
     good = {"plain": shares, "centred": {**shares, "rank_1": 0.95}}
     real = {"pictures": 1000, "same_ranking": True, "largest_difference": 1e-7}
-    trained = runs.Trained(tmp_path, tmp_path / "net.onnx", 62, 992, 120, 600.0, 1.5, {"real": real})
-    told = tables.crops_tables(trained, {"stripes": poor, "small": good}, {"network_ms": 6.0, "embedder_ms": 7.0})
+    trained = reid_runs.Trained(tmp_path, tmp_path / "net.onnx", 62, 992, 120, 600.0, 1.5, {"real": real})
+    told = reid.crops_tables(trained, {"stripes": poor, "small": good}, {"network_ms": 6.0, "embedder_ms": 7.0})
     assert cells(told, "rank-1 within 20 minutes") == ["85.0 % in 10.0 min", "80 %", "yes"]
     assert cells(told, "ONNX file: a crop on one core") == ["6.00 ms", "5 ms", "**no**"]
     assert cells(told, "small ")[:2] == ["85.0", "90.0"]
     assert "198" in cells(told, "small ", last=True)
-    crowd = tables.crowd_tables({"stripes": {"alike": poor}, "small": {"alike": good}})
+    crowd = reid.crowd_tables({"stripes": {"alike": poor}, "small": {"alike": good}})
     assert cells(crowd, "small") == ["85.0 (70.0)"]
     assert cells(crowd, "small", last=True) == ["95.0 (70.0)"]
 
-    right = scores.identities(written(tmp_path / "right", truth), truth)
-    none = scores.identities(tmp_path / "none", truth)
+    right = reid_runs.identities(written(tmp_path / "right", truth), truth)
+    none = reid_runs.identities(tmp_path / "none", truth)
 
     def half(retrieval: Any, appearance: Any, verdict: str, agreement: Any) -> Any:
         run = command.Calibrated(verdict, None, None, 4, 0, {}, 10.0, 100.0)
-        return runs.Half(retrieval, appearance, dict.fromkeys(runs.MODES, run), dict.fromkeys(runs.MODES, agreement))
+        return reid_runs.Half(
+            retrieval, appearance, dict.fromkeys(reid_runs.MODES, run), dict.fromkeys(reid_runs.MODES, agreement)
+        )
 
-    before = half(poor, scores.LooksScore(100, 40, 0, 6), "refused", none)
-    after = half(good, scores.LooksScore(100, 90, 6, 6), "accepted", right)
+    before = half(poor, reid_runs.LooksScore(100, 40, 0, 6), "refused", none)
+    after = half(good, reid_runs.LooksScore(100, 90, 6, 6), "accepted", right)
     recorded = [
-        runs.Team(seed, dict.fromkeys(("first", "second"), before), dict.fromkeys(("first", "second"), now),
-                  runs.Tuned({"people": 8, "crops": 400}, 60.0))
+        reid_runs.Team(seed, dict.fromkeys(("first", "second"), before), dict.fromkeys(("first", "second"), now),
+                  reid_runs.Tuned({"people": 8, "crops": 400}, 60.0))
         for seed, now in ((0, after), (1, before))
     ]  # fmt: skip
-    text = tables.team_tables(recorded)
+    text = reid.team_tables(recorded)
     assert cells(text, "first half: precision of the looks alone") == ["40.0 %", "65.0 %", "1 of 2"]
     assert cells(text, "second half: precision in mode appearance") == ["none found", "100.0 % (in 1)", "1 of 2"]
     assert cells(text, "second half: recall in mode combined") == ["0.0 %", "50.0 %", "1 of 2"]

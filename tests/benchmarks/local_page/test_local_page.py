@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import local_page_page
-from local_page import access, kills
-from local_page.judging import against, ends_of
-from pages.render import TEMPLATES, render
+from local_page import kills
+from local_page.hand import access_faults, against, ends_of
 from passerby.geometry.rotations import exp_rotation
 from support.browser import CHROMIUM
 from support.scenes.people_and_rigs import simulated
@@ -27,16 +26,12 @@ def goals(found: object) -> list[str]:
     return [goal[-1] for goal in found.goals]  # type: ignore[attr-defined]
 
 
-def test_the_median_hand_decides_and_errors_have_no_sign():
-    done = {
-        str(number): click(*values) for number, values in enumerate([(-0.003, 0.1, 2.0), (0.005, -0.5, 7.0), (0.02, 0.6, 9.0)])
-    }
+def test_the_median_hand_decides_errors_have_no_sign_and_complaints_are_missed():
+    hands = [click(-0.003, 0.1, 2.0), click(0.005, -0.5, 7.0), click(0.02, 0.6, 9.0)]
+    done = {str(number): hand for number, hand in enumerate(hands)}
     found = local_page_page.tabulate_clicks(done, done)
     assert goals(found) == ["acceptable", "acceptable", "acceptable", "aim", "aim"]
     assert "| scale, %              | 0.50   | 2.00    |" in found.text
-
-
-def test_a_complaint_of_the_browser_or_a_fault_is_missed():
     done = {"0": click(0.0, 0.0, 1.0, errors=["no such file"], faults=["control has a name: button"])}
     found = local_page_page.tabulate_clicks(done, done)
     assert goals(found)[3:] == ["**missed**", "**missed**"]
@@ -73,14 +68,7 @@ def test_a_rig_in_the_clicked_frame_has_no_error_and_others_theirs():
     right = truth.moved(turn, -turn @ ends[0], 1.0)
     assert against(truth, ends, right) == pytest.approx((0.0, 0.0), abs=1e-9)
     off = exp_rotation(np.array([0.0, 0.0, np.radians(2.0)]))
-    scale, heading = against(truth, ends, right.moved(off, np.zeros(3), 1.01))
-    assert (scale, heading) == pytest.approx((0.01, 2.0), abs=1e-6)
-
-
-def test_the_page_has_all_parts() -> None:
-    template = (TEMPLATES / "page.md").read_text()
-    assert all(f"{{{{ {part}" in template for part in local_page_page.PAGE.parts)
-    assert "Not run" not in render("page")
+    assert against(truth, ends, right.moved(off, np.zeros(3), 1.01)) == pytest.approx((0.01, 2.0), abs=1e-6)
 
 
 BAD = """<html lang="en"><title>t</title><header>h</header><main><nav>n</nav><h2>two</h2><h4>four</h4><img src="data:,">
@@ -94,6 +82,6 @@ GOOD = """<html lang="en"><title>t</title><header>h</header><main><nav>n</nav><h
 def test_serious_faults_are_found_and_nothing_else(browser):
     page = browser.new_page()
     page.set_content(GOOD)
-    assert access.access_faults(page) == []
+    assert access_faults(page) == []
     page.set_content(BAD)
-    assert {one.partition(":")[0] for one in access.access_faults(page)} == {"image-alt", "button-name", "color-contrast"}
+    assert {one.partition(":")[0] for one in access_faults(page)} == {"image-alt", "button-name", "color-contrast"}

@@ -31,43 +31,32 @@ def test_the_truth_itself() -> None:
     assert (found.idf1, found.idp, found.idr, found.mota, found.purity) == (1.0, 1.0, 1.0, 1.0, 1.0)
     assert (found.switches, found.fragments, found.tracklets, found.people) == (0, 0, 2, 2)
     assert found.to_dict()["idf1"] == 1.0
+    # Boxes of nobody do not count.
+    noise = person(-1, range(1, 11), 300.0)
+    assert score_tracklets(together(TWO, noise), together(TWO, noise)) == score_tracklets(TWO, TWO)
 
 
-def test_a_tracklet_broken_in_two() -> None:
-    """6 of 10 boxes are followed by the longer part."""
-    found = score_tracklets(together(person(5, range(1, 5)), person(6, range(5, 11))), person(1, range(1, 11)))
-    assert found.idf1 == pytest.approx(12 / 20)
-    assert found.mota == pytest.approx(1 - 1 / 10)
-    assert (found.purity, found.switches, found.fragments, found.tracklets) == (1.0, 1, 0, 2)
+ONE = person(1, range(1, 11))
+EXCHANGED = replace(TWO, identity=np.where(TWO.frame < 7, TWO.identity, 3 - TWO.identity))
 
 
-def test_two_who_exchange_their_tracklets() -> None:
-    first, second = person(1, range(1, 11)), person(2, range(1, 11), 200.0)
-    swapped = together(
-        replace(first, identity=np.where(first.frame < 7, 1, 2)), replace(second, identity=np.where(second.frame < 7, 2, 1))
-    )
-    found = score_tracklets(swapped, TWO)
-    assert found.idf1 == pytest.approx(24 / 40)
-    assert found.purity == pytest.approx(12 / 20)
-    assert found.mota == pytest.approx(1 - 2 / 20)
-    assert found.switches == 2
-
-
-def test_somebody_lost_and_found_again() -> None:
-    truth = person(1, range(1, 11))
-    found = score_tracklets(truth.take((truth.frame < 4) | (truth.frame > 7)), truth)
-    assert found.idf1 == pytest.approx(12 / 16)
-    assert (found.idp, found.idr) == (1.0, 0.6)
-    assert found.mota == pytest.approx(0.6)
-    assert (found.switches, found.fragments) == (0, 1)
-
-
-def test_a_tracklet_of_nobody() -> None:
-    found = score_tracklets(together(TWO, person(3, range(1, 6), 400.0)), TWO)
-    assert found.idf1 == pytest.approx(40 / 45)
-    assert found.idp == pytest.approx(20 / 25)
-    assert found.mota == pytest.approx(1 - 5 / 20)
-    assert found.purity == 1.0
+@pytest.mark.parametrize(
+    ("found", "truth", "scores", "counts"),
+    [
+        # 6 of 10 boxes are followed by the longer part.
+        pytest.param(together(person(5, range(1, 5)), person(6, range(5, 11))), ONE,
+                     {"idf1": 12 / 20, "mota": 1 - 1 / 10, "purity": 1.0}, (1, 0, 2), id="broken in two"),
+        pytest.param(EXCHANGED, TWO, {"idf1": 24 / 40, "mota": 1 - 2 / 20, "purity": 12 / 20}, (2, 0, 2), id="exchanged"),
+        pytest.param(ONE.take((ONE.frame < 4) | (ONE.frame > 7)), ONE,
+                     {"idf1": 12 / 16, "idp": 1.0, "idr": 0.6, "mota": 0.6}, (0, 1, 1), id="lost and found again"),
+        pytest.param(together(TWO, person(3, range(1, 6), 400.0)), TWO,
+                     {"idf1": 40 / 45, "idp": 20 / 25, "mota": 1 - 5 / 20, "purity": 1.0}, (0, 0, 3), id="of nobody"),
+    ],
+)  # fmt: skip
+def test_tracklets_that_go_wrong(found: Boxes, truth: Boxes, scores: dict[str, float], counts: tuple[int, int, int]) -> None:
+    score = score_tracklets(found, truth)
+    assert {name: getattr(score, name) for name in scores} == pytest.approx(scores)
+    assert (score.switches, score.fragments, score.tracklets) == counts
 
 
 def test_the_matching_is_the_best_of_all_not_the_best_pair_first() -> None:
@@ -104,11 +93,6 @@ def test_one_tracklet_follows_one_person_at_a_time() -> None:
     found = score_tracklets(person(5, range(1, 9)), truth)
     assert found.mota == pytest.approx(1 - 2 / 10)
     assert found.switches == 0
-
-
-def test_boxes_of_nobody_do_not_count() -> None:
-    noise = person(-1, range(1, 11), 300.0)
-    assert score_tracklets(together(TWO, noise), together(TWO, noise)) == score_tracklets(TWO, TWO)
 
 
 def test_nothing_is_no_score() -> None:

@@ -11,6 +11,7 @@ from pages.records import Found
 from pages.tables import table
 from paper import parts
 from passerby.cli import main
+from support.paths import BENCHMARKS
 
 run_paper = pytest.importorskip("run_paper")
 pytest.importorskip("matplotlib")
@@ -97,6 +98,8 @@ def test_the_folder_cannot_be_a_file(calls, capsys, tmp_path):
 
 
 def test_listing_needs_neither_numbers_nor_plots():
-    code = "import sys; from passerby.cli.main import run; run(['benchmark', '--list']); print(*sys.modules)"
+    code = f"import sys; sys.path.insert(0, {str(BENCHMARKS)!r}); import run_paper; from passerby.cli import main\n"
+    code += "print(main.run(['--list'], run_paper.app, 'run_paper.py'), *sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "0" in loaded
     assert not {"matplotlib", "torch", "poselib", "kornia"} & set(loaded)

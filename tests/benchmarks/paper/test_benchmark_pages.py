@@ -9,9 +9,9 @@ import pytest
 
 from paper import noise
 from paper.conditions import Condition
+from paper.parts import Wanted
 from paper.plots import Axis
 from paper.sweep import curve_found, sweep
-from paper.wanted import Wanted
 from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions
 

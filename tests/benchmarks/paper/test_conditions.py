@@ -11,8 +11,7 @@ import pytest
 from pages import kept as kept_module
 from pages.kept import Kept
 from paper import conditions
-from paper.conditions import Condition, run_conditions
-from paper.thinning import thinned
+from paper.conditions import Condition, run_conditions, thinned
 from passerby.common.errors import InputError
 from passerby.common.progress import silent
 from passerby.core.overlap import count_shared_observations, person_instants
@@ -46,16 +45,13 @@ def test_a_scene_filmed_for_others_is_the_same_bit_for_bit(filmed):
     assert all(map(np.array_equal, boxes_of(alone), boxes_of(shared)))
     assert np.array_equal(alone.joints3d, shared.joints3d, equal_nan=True)
     assert not np.array_equal(boxes_of(alone)[0], boxes_of(simulate(SMALL, filmed))[0])
+    assert set(FAULTS) < set(SimulationOptions.__dataclass_fields__)
 
 
 @pytest.mark.parametrize("change", [{"seed": 1}, {"people": 5}, {"preset": "basketball"}, {"clock_offsets": 0.1}, {"fps": 4.0}])
 def test_another_scenes_views_are_refused(filmed, change):
     with pytest.raises(InputError, match="another scene"):
         simulate(replace(SMALL, **change), filmed)
-
-
-def test_every_fault_is_an_option():
-    assert set(FAULTS) < set(SimulationOptions.__dataclass_fields__)
 
 
 @pytest.mark.parametrize("n", [1, 5, 17])
@@ -79,26 +75,20 @@ def test_fewer_are_a_part_of_more(scene):
         assert a < b
     other = thinned(scene, 6, np.random.default_rng(2))
     assert not np.array_equal(boxes_of(other)[1], boxes_of(few)[1])
-
-
-def test_more_than_there_are_cannot_be_shared(scene):
     with pytest.raises(InputError, match=r"camera C\d shares \d+ person-instants with camera C1, 5000 are wanted"):
         thinned(scene, 5000, np.random.default_rng(1))
 
 
 def test_outcomes_are_the_same_in_processes_and_whatever_they_are_run_with():
-    asked = [Condition(SMALL, method) for method in ("people", "geopose")]
+    asked = [*(Condition(SMALL, method) for method in ("people", "geopose")), Condition(SMALL, shared=5)]
     alone = run_conditions(asked, None, silent, "test")
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         assert run_conditions(asked[::-1], pool, silent, "test") == alone
-    assert not any(outcome.failed for outcome in alone.values())
-    assert all(0 < outcome.similarity_mm < 200 and outcome.clock_ms == 0 for outcome in alone.values())
-    assert len(set(alone.values())) == 2
-
-
-def test_a_condition_without_enough_to_go_on_fails():
-    outcome = run_conditions([Condition(SMALL, shared=5)], None, silent, "test").popitem()[1]
-    assert outcome.failed
+    *well, outcome = (alone[one] for one in asked)
+    assert not any(one.failed for one in well)
+    assert all(0 < one.similarity_mm < 200 and one.clock_ms == 0 for one in well)
+    assert len(set(well)) == 2
+    assert outcome.failed, "too little evidence"
     assert outcome.verdict == "refused"
     assert "8 observations" in outcome.reason
     assert outcome.similarity_mm == outcome.metric_deg == outcome.scale_error == float("inf")
@@ -129,12 +119,9 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path, monkeypatch):
     outcomes = run_conditions(asked, None, silent, "test", tmp_path)
     assert worked == asked
     monkeypatch.setattr(conditions, "outcome_of", None)
-    assert run_conditions(asked, None, silent, "test", tmp_path) == outcomes == run_kept_nowhere(asked, real, monkeypatch)
-
-
-def run_kept_nowhere(asked, real, monkeypatch):
+    assert run_conditions(asked, None, silent, "test", tmp_path) == outcomes
     monkeypatch.setattr(conditions, "outcome_of", real)
-    return run_conditions(asked, None, silent, "test")
+    assert run_conditions(asked, None, silent, "test") == outcomes
 
 
 def test_what_other_code_has_kept_is_not_believed(tmp_path, monkeypatch):

@@ -10,11 +10,11 @@ from pages.records import Found
 from pages.render import TEMPLATES
 from paper import pixels
 from paper.paper_figures import POSES, REPROJECTIONS, SCENES
-from paper.pixel_jobs import Done, Job, jobs, run_job
+from paper.parts import Wanted
 from paper.pixel_real import panoptic, wildtrack
 from paper.pixel_rows import NOT_RUN, ROWS, PixelOutcome, run_row
 from paper.pixel_stage import Stage
-from paper.wanted import Wanted
+from paper.pixels import Done, Job, jobs, run_job
 from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions
 
@@ -48,47 +48,31 @@ def line(page: Found, start: str, which: int = 0) -> str:
     return [row for row in page.text.splitlines() if row.startswith(f"| {start}")][which]
 
 
-def test_a_row_without_weights_is_not_run_with_its_reason(page: Found) -> None:
+def test_nothing_that_failed_or_did_not_run_gets_a_figure(page: Found) -> None:
     row = line(page, "SuperPoint + brute force")
     assert "not run" in row
     assert "358 mm 54.70°" in row
     assert "- SuperPoint + brute force: the weights of somebody cannot be had" in page.text
-
-
-def test_a_missing_camera_fails_and_has_no_mean(page: Found) -> None:
-    row = line(page, "SIFT + brute force")
+    row = line(page, "SIFT + brute force")  # a camera is missing
     assert row.count("fails") == 2
     assert "1 of 1" in row
     assert "40 of 90" in row
-
-
-def test_figures_stand_beside_the_papers(page: Found) -> None:
-    assert "| 1302 mm 54.10° | 9000.0 mm 80.000° | 5000.0 mm 60.000° |" in line(page, "WxBS")
-    assert "2.3 px 0.4 %" in line(page, "boxes, people by re-id", -1)
-    assert "0.70 px 0.12 %" in line(page, "boxes, people by re-id", -1)
-
-
-def test_the_claim_counts_what_ran(page: Found) -> None:
-    assert "4 of 4" in line(page, "terrace")
-
-
-def test_data_that_are_not_here_are_told(page: Found) -> None:
     assert "not run: data not here: wildtrack/pictures" in line(page, "WILDTRACK")
     assert "3 of 4" in line(page, "CMU Panoptic")
 
 
-def test_pictures_belong_to_the_page(page: Found) -> None:
+def test_figures_stand_beside_the_papers_and_pictures_belong_to_the_page(page: Found) -> None:
+    assert "| 1302 mm 54.10° | 9000.0 mm 80.000° | 5000.0 mm 60.000° |" in line(page, "WxBS")
+    assert "2.3 px 0.4 %" in line(page, "boxes, people by re-id", -1)
+    assert "0.70 px 0.12 %" in line(page, "boxes, people by re-id", -1)
+    assert "4 of 4" in line(page, "terrace"), "the claim counts what ran"
     assert page.files == {"paper-terrace-sift.jpg": b"jpeg"}
     assert "](paper-terrace-sift.jpg)" in (TEMPLATES / "paper.md").read_text()
 
 
-def test_without_data(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_without_data_and_a_quick_one_leave_out_real_pictures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(pixels, "run_job", made_up)
     assert "Real pictures" not in pixels.run(Wanted(seeds=1), None, silent).tables
-
-
-def test_a_quick_run_leaves_out_what_takes_long(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(pixels, "run_job", made_up)
     tables = pixels.run(Wanted(quick=True, data=tmp_path), None, silent).tables
     assert "Real pictures" not in tables
     assert "basketball" in tables
@@ -102,6 +86,11 @@ def test_every_figure_of_the_paper_has_a_row_and_a_scene() -> None:
         assert all(set(of_row) == set(SCENES) for of_row in figures.values())
 
 
+def test_real_sets_that_are_not_there_are_named(tmp_path: Path) -> None:
+    assert wildtrack(tmp_path) == "data not here: wildtrack/pictures"
+    assert panoptic(tmp_path, 1) == "data not here: panoptic/demo"
+
+
 def test_jobs_are_done_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
@@ -109,7 +98,7 @@ def test_jobs_are_done_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         asked.append(job.name)
         return made_up(job)
 
-    monkeypatch.setattr("paper.pixel_jobs._rendered", rendered)
+    monkeypatch.setattr("paper.pixels._rendered", rendered)
     job = jobs(("terrace",), 1, 5.0, 1, tmp_path, None, None)[0]
     first, second = run_job(job), run_job(job)
     assert asked == ["terrace"]
@@ -124,11 +113,6 @@ def test_the_oracle_is_right(tmp_path: Path) -> None:
     assert outcome.metric_mm < 300
     assert 0.3 < outcome.rpe_px < 2.0
     assert outcome.err_percent == pytest.approx(100 * outcome.rpe_px / 576)
-
-
-def test_real_sets_that_are_not_there(tmp_path: Path) -> None:
-    assert wildtrack(tmp_path) == "data not here: wildtrack/pictures"
-    assert panoptic(tmp_path, 1) == "data not here: panoptic/demo"
 
 
 def test_the_moved_camera_of_wildtrack_is_left_out(data_root: Path) -> None:
@@ -149,7 +133,7 @@ def test_a_relative_folder_of_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyP
         return LOST
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("paper.pixel_jobs.rendered", lambda scenes, *_: scenes / "terrace-0")
-    monkeypatch.setattr("paper.pixel_jobs.run_row", run_nothing)
+    monkeypatch.setattr("paper.pixels.rendered", lambda scenes, *_: scenes / "terrace-0")
+    monkeypatch.setattr("paper.pixels.run_row", run_nothing)
     run_job(Job("terrace", 1, None, seconds=5.0, scenes=Path("scenes")))
     assert set(folders) == {tmp_path.resolve() / "scenes" / "terrace-0"}

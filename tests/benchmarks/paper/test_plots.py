@@ -1,12 +1,16 @@
-"""Plots hold the figures that they are given, in text that is the same for the same figures."""
+"""Figures over seeds, where a failure is infinitely far and never averaged away, and plots of them."""
 
 import math
 import re
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from paper.plots import Axis, Line, Panel, _set_levels, error_plot
+from paper.conditions import Outcome
+from paper.plots import HEAD, Axis, Line, Panel, _set_levels, error_plot, quartiles, spread_cells
 
 matplotlib = pytest.importorskip("matplotlib")
 
@@ -54,10 +58,7 @@ def test_same_figures_same_text_in_any_style():
         assert plot(*lines) == first
     assert plot(lines[0], Line("b", (0.0, 5.0), ((9.0, 8.0), (7.0, 6.0)))) != first
     assert not re.search(r"\d\d:\d\d:\d\d", first)
-
-
-def test_nothing_but_failures_can_be_drawn():
-    assert "<svg" in plot(Line("a", (0.0, 5.0), ((math.inf, math.inf), (math.inf, math.inf))))
+    assert "<svg" in plot(Line("a", (0.0, 5.0), ((math.inf, math.inf), (math.inf, math.inf)))), "nothing but failures"
 
 
 @pytest.mark.parametrize("scale", ["linear", "log", "symlog"])
@@ -69,3 +70,39 @@ def test_levels_at_which_all_fail_lie_within_the_axis(scale):
     axis.plot([10.0], [1.0])
     low, high = axis.get_xlim()
     assert low < 5.0 < 10.0 < high
+
+
+def outcome(mm):
+    if math.isinf(mm):
+        return Outcome("refused", "too little", 3, 4)
+    return Outcome("accepted", "", 4, 4, mm, mm / 100, 2 * mm, mm / 50, 0.01)
+
+
+@given(st.lists(st.floats(0.1, 1e6), min_size=1, max_size=12))
+def test_quartiles_of_finite_figures_are_numpys(values):
+    assert quartiles(values) == pytest.approx(np.quantile(values, (0.25, 0.5, 0.75)), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([1, 2, 3, 4, math.inf], (2, 3, 4)),
+        ([1, 2, 3, math.inf, math.inf], (2, 3, math.inf)),
+        ([1, math.inf], (math.inf, math.inf, math.inf)),
+        ([5, math.inf, math.inf], (math.inf, math.inf, math.inf)),
+        ([math.inf], (math.inf, math.inf, math.inf)),
+    ],
+)
+def test_failures_are_larger_than_anything(values, expected):
+    assert quartiles(values) == expected
+
+
+def test_failures_are_counted_and_move_the_median() -> None:
+    shown = spread_cells([outcome(10.0), outcome(20.0), outcome(math.inf)])
+    assert shown[:3] == ["20.0 mm 0.200°", "15.0 to fails", "fails"]
+    assert shown[-2:] == ["1 of 3", "2 accepted, 1 refused"]
+    assert len(shown) == len(HEAD)
+    # Where half of the seeds fail no figure stands.
+    shown = spread_cells([outcome(10.0), outcome(math.inf)])
+    assert shown[:-2] == ["fails"] * (len(HEAD) - 2)
+    assert shown[-2] == "1 of 2"

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from paper import tracking
-from paper.tracking_runs import CAMERAS, FAILED, Case, Outcome, RealOutcome, RealSet, outcome_of, run_set
+from paper.tracking import CAMERAS, FAILED, Case, Outcome, RealOutcome, RealSet, outcome_of, run_set
 from passerby.people.trajectories.trajectories import METHODS
 from passerby.simulation import PRESETS
 

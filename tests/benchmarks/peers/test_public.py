@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -12,6 +10,7 @@ import pytest
 from passerby.core.observations import BODY_17
 from passerby.simulation.options import SimulationOptions
 from passerby.simulation.scene import simulate
+from peers import public
 
 JOINT_OF = {"neck": "left_shoulder", "head": "nose", "spine": "left_hip", "pelvis": "left_hip"}
 """Of the simulated joints, stand-ins for those that it lacks."""
@@ -19,9 +18,8 @@ FRAMES = 40
 
 
 @pytest.fixture(scope="module")
-def root(bench: Callable[[str], ModuleType], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scene of one simulated person with a stick of 1.2 m, who is stated to be of any height."""
-    public = bench("peers.public")
     made = simulate(SimulationOptions(seed=5, seconds=10.0, fps=5.0, people=1))
     body = made.joints3d[:FRAMES, 0]
     at = dict(zip(BODY_17, np.moveaxis(body, 1, 0), strict=True))
@@ -48,9 +46,8 @@ def root(bench: Callable[[str], ModuleType], tmp_path_factory: pytest.TempPathFa
     return folder.parent
 
 
-def test_the_stick_gives_the_scale(bench: Callable[[str], ModuleType], root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_stick_gives_the_scale(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PASSERBY_DATA", str(root))
-    public = bench("peers.public")
     cases = public.cases()
     assert len(cases) == 4
     done = {key: public.work(case) for key, case in cases.items() if case.lenses == "known"}
@@ -66,8 +63,7 @@ def test_the_stick_gives_the_scale(bench: Callable[[str], ModuleType], root: Pat
     assert "4 of 4" in text
 
 
-def test_a_scene_that_fails_is_not_averaged_away(bench: Callable[[str], ModuleType]) -> None:
-    public = bench("peers.public")
+def test_a_scene_that_fails_is_not_averaged_away() -> None:
     cases = {key: public.PublicCase(Path(f"{key}.npz"), "known", "joints") for key in ("a", "b")}
     good = {"cameras": 4, "noise_px": 0.1, "registered": 4, "verdict": "accepted", "mm": 1.0, "deg": 0.01, "metric_mm": 2.0,
             "scale_ratio": 1.0, "focal_percent": None, "cpu_s": 1.0}  # fmt: skip
@@ -79,8 +75,7 @@ def test_a_scene_that_fails_is_not_averaged_away(bench: Callable[[str], ModuleTy
     assert "2.0 s" in line
 
 
-def test_data_that_are_not_here(bench: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_data_that_are_not_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PASSERBY_DATA", str(tmp_path / "nowhere"))
-    public = bench("peers.public")
     assert public.cases() == {}
     assert public.tabulate({}, {}).notes == ["Not run: data not here."]

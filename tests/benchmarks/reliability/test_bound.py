@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -15,30 +13,21 @@ from passerby.core.cameras import Camera, Pose, Rig
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import exp_rotation
 from passerby.simulation import SimulationOptions, simulate
+from reliability import bound
+from reliability import cramer_rao as rao
 
-Bench = Callable[[str], ModuleType]
 NOISE, HEIGHT_SD = 0.02, 0.09
 
 
 @pytest.fixture(scope="module")
-def bound(bench: Bench) -> ModuleType:
-    return bench("reliability.bound")
-
-
-@pytest.fixture(scope="module")
-def rao(bench: Bench) -> ModuleType:
-    return bench("reliability.cramer_rao")
-
-
-@pytest.fixture(scope="module")
-def tiny(bound: ModuleType) -> Any:
+def tiny() -> Any:
     """Three cameras, two people and eight time steps, with the simulator's lenses."""
     scene = simulate(SimulationOptions(cameras=3, people=2, seconds=8.0, fps=1.0, seed=5, box_noise=NOISE))
     return bound.upright_scene(scene, {name: seen.boxes for name, seen in scene.observations.cameras.items()})
 
 
 @pytest.mark.unit
-def test_the_bound_shrinks_with_the_square_root_of_the_seconds(rao: ModuleType, tiny: Any) -> None:
+def test_the_bound_shrinks_with_the_square_root_of_the_seconds(tiny: Any) -> None:
     times, count = 4, len(tiny.places)
     longer = replace(
         tiny, places=np.tile(tiny.places, (times, 1)), person=np.tile(tiny.person, times), camera=np.tile(tiny.camera, times),
@@ -51,7 +40,7 @@ def test_the_bound_shrinks_with_the_square_root_of_the_seconds(rao: ModuleType, 
 
 
 @pytest.mark.unit
-def test_the_bound_does_not_depend_on_how_the_world_lies(rao: ModuleType, tiny: Any) -> None:
+def test_the_bound_does_not_depend_on_how_the_world_lies(tiny: Any) -> None:
     turn, shift = exp_rotation(np.array([0.0, 0.0, 2.1])), np.array([30.0, -12.0, 0.0])
     other = replace(tiny, rig=tiny.rig.moved(turn, shift), places=tiny.places @ turn[:2, :2].T + shift[:2])
     here, there = (rao.cramer_rao(scene, NOISE, HEIGHT_SD) for scene in (tiny, other))
@@ -96,7 +85,7 @@ def information(tiny: Any) -> Floats:
 
 
 @pytest.mark.unit
-def test_the_information_is_that_of_numerical_derivatives(rao: ModuleType, tiny: Any, information: Floats) -> None:
+def test_the_information_is_that_of_numerical_derivatives(tiny: Any, information: Floats) -> None:
     n_poses, n_places = 6 * len(tiny.rig), tiny.places.size
     places = np.arange(n_poses, n_poses + n_places)
     shared = np.setdiff1d(np.arange(len(information)), places)
@@ -108,7 +97,7 @@ def test_the_information_is_that_of_numerical_derivatives(rao: ModuleType, tiny:
 
 
 @pytest.mark.slow
-def test_the_bound_is_of_errors_as_they_are_measured(rao: ModuleType, tiny: Any, information: Floats) -> None:
+def test_the_bound_is_of_errors_as_they_are_measured(tiny: Any, information: Floats) -> None:
     values, vectors = np.linalg.eigh(information)
     # A turn about the vertical and two shifts along the ground are free, and nothing else.
     assert values[2] < 1e-6 * values[3]
@@ -123,13 +112,13 @@ def test_the_bound_is_of_errors_as_they_are_measured(rao: ModuleType, tiny: Any,
 
 
 @pytest.mark.unit
-def test_cameras_that_see_nobody_in_common_have_no_bound(rao: ModuleType, tiny: Any) -> None:
+def test_cameras_that_see_nobody_in_common_have_no_bound(tiny: Any) -> None:
     alone = tiny.camera != 2
     assert rao.cramer_rao(replace(tiny, camera=tiny.camera[alone], instant=tiny.instant[alone]), NOISE, HEIGHT_SD) is None
 
 
 @pytest.mark.slow
-def test_upright_people_come_near_the_bound_and_simulated_ones_do_not(bound: ModuleType) -> None:
+def test_upright_people_come_near_the_bound_and_simulated_ones_do_not() -> None:
     results = [bound.work(("terrace", 8, seed)) for seed in (30, 31, 32)]
     assert len(bound.complete(results)) == 3
     for kind in bound.KINDS:
@@ -143,7 +132,7 @@ def test_upright_people_come_near_the_bound_and_simulated_ones_do_not(bound: Mod
 
 
 @pytest.mark.unit
-def test_a_scene_without_a_bound_or_a_camera_is_counted_and_left_out(bound: ModuleType) -> None:
+def test_a_scene_without_a_bound_or_a_camera_is_counted_and_left_out() -> None:
     figures = {"position": [2.0, 4.0], "orientation": [0.1, 0.2]}
     errors = {name: figures | {"verdict": "accepted", "opposite": 1.0} for name in bound.VARIANTS}
     bounds = {name: {"position": [1.0, 2.0], "orientation": [0.1, 0.1], "share": 0.2} for name in bound.VARIANTS[:2]}

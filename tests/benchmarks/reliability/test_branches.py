@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 
+from reliability import branches as part
+from reliability import runs
 from support.paths import ROOT, TESTS
 
-Bench = Callable[[str], ModuleType]
 FILE = "src/passerby/solver/findings.py"
-
-
-@pytest.fixture(scope="module")
-def part(bench: Bench) -> ModuleType:
-    return bench("reliability.branches")
 
 
 def outcome(lines: list[int], missing: list[int], taken: list[list[int]], left: list[list[int]], failed: int = 0) -> Any:
@@ -26,7 +20,7 @@ def outcome(lines: list[int], missing: list[int], taken: list[list[int]], left: 
 
 
 @pytest.mark.unit
-def test_what_one_run_misses_another_one_may_cover(part: ModuleType) -> None:
+def test_what_one_run_misses_another_one_may_cover() -> None:
     first = outcome([1, 2], [3, 4, 5, 9], [[2, 6]], [[2, 3], [6, 9], [6, -1]])
     second = outcome([1, 3], [2, 4, 5, 9], [[2, 3]], [[2, 6], [6, 9], [6, -1]])
     alone, both = (part.covered(outcomes, FILE) for outcomes in ([first], [first, second]))
@@ -37,7 +31,7 @@ def test_what_one_run_misses_another_one_may_cover(part: ModuleType) -> None:
 
 
 @pytest.mark.unit
-def test_a_file_that_no_run_tells_of_is_not_covered(part: ModuleType) -> None:
+def test_a_file_that_no_run_tells_of_is_not_covered() -> None:
     unseen = part.covered([outcome([1], [], [], [])], "src/passerby/report/page.py")
     assert not unseen.is_enough
     assert unseen.missed == "all"
@@ -46,7 +40,7 @@ def test_a_file_that_no_run_tells_of_is_not_covered(part: ModuleType) -> None:
 
 
 @pytest.mark.unit
-def test_the_page_names_the_files_below_the_goal_and_tests_that_failed(part: ModuleType) -> None:
+def test_the_page_names_the_files_below_the_goal_and_tests_that_failed() -> None:
     covered = {path: outcome([1, 2, 3, 4, 5], [], [], [])["files"][FILE] for path in part._files()}
     whole = {"tests": 1000, "failed": 0, "files": covered}
     found = part._part([whole], ["findings"])
@@ -63,7 +57,7 @@ def test_the_page_names_the_files_below_the_goal_and_tests_that_failed(part: Mod
 
 
 @pytest.mark.unit
-def test_every_pattern_is_of_files_and_every_folder_of_tests(part: ModuleType) -> None:
+def test_every_pattern_is_of_files_and_every_folder_of_tests() -> None:
     for group, patterns in part.GROUPS.items():
         for pattern in patterns:
             assert list(Path(ROOT, part.PACKAGE).glob(pattern)), f"{group}: {pattern}"
@@ -71,8 +65,8 @@ def test_every_pattern_is_of_files_and_every_folder_of_tests(part: ModuleType) -
     assert not set(part._files("verdict")) & set(part._files("writers"))
 
 
-def test_the_tests_of_one_folder_cover_the_findings_and_no_verdict(part: ModuleType, bench: Bench, tmp_path: Path) -> None:
-    wanted = bench("reliability.runs").Wanted(tmp_path, quick=True, workers=1)
+def test_the_tests_of_one_folder_cover_the_findings_and_no_verdict(tmp_path: Path) -> None:
+    wanted = runs.Wanted(tmp_path, quick=True, workers=1)
     found = part.run(wanted, ["findings"])
     reached = {row[0]: row[-1] == "yes" for row in found.goals}
     assert reached == {

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
+import run_reliability
+from pages import kept, records, render, tables
 from passerby.simulation import SimulationOptions
+from reliability import coverage, page, runs
 
-Bench = Callable[[str], ModuleType]
 SMALL = {"cameras": 4, "people": 5, "seconds": 12.0, "box_noise": 0.03, "identity_swaps": 0.1}
 
 
-@pytest.fixture(scope="module")
-def coverage(bench: Bench) -> ModuleType:
-    return bench("reliability.coverage")
-
-
-def test_errors_of_small_scenes_are_as_large_as_the_sigmas_say(coverage: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_of_small_scenes_are_as_large_as_the_sigmas_say(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(coverage, "drawn", lambda seed: SimulationOptions(preset="terrace", seed=seed, **SMALL))
     results = [coverage.work(seed) for seed in range(40, 44)]
     # Sixteen cameras, and those of one scene err together, all the more where the scale is in it: too few for shares.
@@ -32,7 +28,7 @@ def test_errors_of_small_scenes_are_as_large_as_the_sigmas_say(coverage: ModuleT
     assert all(result["verdict"] == "accepted" for result in results)
 
 
-def test_scenes_are_drawn_over_the_whole_range(coverage: ModuleType) -> None:
+def test_scenes_are_drawn_over_the_whole_range() -> None:
     drawn = [coverage.drawn(seed) for seed in coverage.SCENES]
     assert len(drawn) == 300
     assert {options.preset for options in drawn} == {"terrace", "basketball", "construction"}
@@ -45,8 +41,7 @@ def test_scenes_are_drawn_over_the_whole_range(coverage: ModuleType) -> None:
         assert high - 0.1 * (high - low) <= max(values) <= high
 
 
-def test_finished_cases_are_not_run_again(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = bench("reliability.runs")
+def test_finished_cases_are_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wanted = runs.Wanted(tmp_path, workers=1)
     first = runs.kept(wanted, "squares", {"2": 2, "3": 3}, squared)
     assert first == {"2": {"is": 4}, "3": {"is": 9}}
@@ -59,32 +54,29 @@ def test_finished_cases_are_not_run_again(bench: Bench, tmp_path: Path, monkeypa
     assert runs.kept(wanted, "squares", {"2": 2, "3": 3}, squared) == first
     with pytest.raises(AssertionError, match="again"):
         runs.kept(replace(wanted, quick=True), "squares", {"2": 2}, failing)
-    monkeypatch.setattr(bench("pages.kept"), "code_digest", lambda *_: "other")
+    monkeypatch.setattr(kept, "code_digest", lambda *_: "other")
     with pytest.raises(AssertionError, match="again"):
         runs.kept(wanted, "squares", {"2": 2}, failing)
 
 
-def test_the_page_keeps_the_parts_that_are_not_run(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page, runs, run = bench("reliability.page"), bench("reliability.runs"), bench("run_reliability")
+def test_the_page_keeps_the_parts_that_are_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lines = [page.Line("two squared", "4", "4", True), page.Line("more --> <b>", "1", "2", False)]
     found = {
         "coverage": page.part_found(lines, {}, run="sigmas"),
-        "verdict": page.part_found(
-            [page.Line("wrong rigs", "0", "0", True)], {"Hostile cases": bench("pages.tables").table([], [])}
-        ),
+        "verdict": page.part_found([page.Line("wrong rigs", "0", "0", True)], {"Hostile cases": tables.table([], [])}),
     }
     for part in found:
         module, _, name = page.PARTS[part].partition(".")
-        monkeypatch.setattr(bench(f"reliability.{module}"), name, lambda _, part=part: found[part])
-    monkeypatch.setattr(bench("pages.render"), "TEMPLATES", tmp_path / "none")
-    monkeypatch.setattr(run, "part_codes", lambda: dict.fromkeys(page.PARTS, "now"))
+        monkeypatch.setattr(importlib.import_module(f"reliability.{module}"), name, lambda _, part=part: found[part])
+    monkeypatch.setattr(render, "TEMPLATES", tmp_path / "none")
+    monkeypatch.setattr(run_reliability, "part_codes", lambda: dict.fromkeys(page.PARTS, "now"))
     wanted = runs.Wanted(tmp_path / "kept")
-    run.run_parts(["coverage"], runs.Wanted(tmp_path / "kept", quick=True), tmp_path)
+    run_reliability.run_parts(["coverage"], runs.Wanted(tmp_path / "kept", quick=True), tmp_path)
     first = (tmp_path / "reliability.md").read_text()
     assert "sigmas" in first
     assert "quick run" in first
-    run.run_parts(["verdict"], wanted, tmp_path)
-    known = bench("pages.records").read_records(tmp_path / "records", "reliability")
+    run_reliability.run_parts(["verdict"], wanted, tmp_path)
+    known = records.read_records(tmp_path / "records", "reliability")
     assert {part: [row[0] for row in one.found.goals] for part, one in known.items()} == {
         "coverage": ["two squared", "more --> <b>"], "verdict": ["wrong rigs"],
     }  # fmt: skip
@@ -93,12 +85,11 @@ def test_the_page_keeps_the_parts_that_are_not_run(bench: Bench, tmp_path: Path,
     assert [part for part, one in known.items() if page.is_whole(one, "now")] == ["verdict"]
     assert not any(page.is_whole(one, "newer") for one in known.values())
     before = (tmp_path / "reliability.md").read_text()
-    run.run_parts([], wanted, tmp_path)
+    run_reliability.run_parts([], wanted, tmp_path)
     assert (tmp_path / "reliability.md").read_text() == before
 
 
-def test_a_part_depends_on_its_own_code(bench: Bench) -> None:
-    page, kept = bench("reliability.page"), bench("pages.kept")
+def test_a_part_depends_on_its_own_code() -> None:
     # The files behind a part: what it imports however far away, nothing of other parts, nothing that only writes pages.
     behind = set(kept.code_behind("reliability.battery"))
     assert {"reliability/battery.py", "reliability/hostile_people.py", "reliability/staging.py"} <= behind

