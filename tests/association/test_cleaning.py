@@ -1,4 +1,4 @@
-"""Box by box: names that are wrong for a moment are put right, and what cannot be told stays untold."""
+"""Box by box: names that are wrong for a moment are put right, and what cannot be decided stays open."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ C1, C3 = 0, 2
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """People whom the cameras see, and who they are."""
+    """People that the cameras see, and who they are."""
 
-    rig: Rig
     bodies: list[Sightings]
     person: list[np.ndarray]
     clocks: Mapping[str, Clock]
@@ -41,11 +40,11 @@ class Scene:
             seen = observe(Rig((camera,)), ground, np.full(len(frame), 1.72), frame, person)[camera.name]
             bodies.append(upright_sightings(seen, camera.lens, clocks[camera.name]))
             assert len(bodies[-1]) == len(frame), "everybody is wholly in every picture"
-        return cls(RIG, bodies, [own.identity.copy() for own in bodies], clocks)
+        return cls(bodies, [own.identity.copy() for own in bodies], clocks)
 
     def cleaned(self, person: list[np.ndarray], rig: Rig | None = None) -> list[np.ndarray]:
         before = [column.copy() for column in person]
-        found = reassign_detections(rig or self.rig, self.bodies, person, self.clocks, Clock(FPS), 1.72)
+        found = reassign_detections(rig or RIG, self.bodies, person, self.clocks, Clock(FPS), 1.72)
         for given, column in zip(before, person, strict=True):
             np.testing.assert_array_equal(given, column, "what was given is not written to")
         return found
@@ -54,14 +53,14 @@ class Scene:
         """Rows of a person in a camera, at some frames."""
         return np.flatnonzero((self.person[c] == who) & np.isin(self.bodies[c].step, frames or FRAMES))
 
-    def only(self, whom: Mapping[int, list[int]]) -> Scene:
+    def only(self, people: Mapping[int, list[int]]) -> Scene:
         """Each camera sees those alone; all where it is not among them."""
-        rows = [np.isin(column, whom.get(c, column)) for c, column in enumerate(self.person)]
+        rows = [np.isin(column, people.get(c, column)) for c, column in enumerate(self.person)]
         bodies = [own.take(on) for own, on in zip(self.bodies, rows, strict=True)]
         return replace(self, bodies=bodies, person=[column[on] for column, on in zip(self.person, rows, strict=True)])
 
     def assert_is(self, found: list[np.ndarray], expected: list[np.ndarray]) -> None:
-        for c, (name, column, truth) in enumerate(zip(self.rig.names, found, expected, strict=True)):
+        for c, (name, column, truth) in enumerate(zip(RIG.names, found, expected, strict=True)):
             np.testing.assert_array_equal(column, truth, name)
             assert len(column) == len(self.bodies[c])
 
@@ -88,8 +87,8 @@ def test_names_that_are_wrong_for_a_moment_are_put_right(wrong: list[tuple[int, 
     scene.assert_is(scene.cleaned(person), scene.person)
 
 
-def test_a_box_that_shows_nobody_whom_others_see_goes_to_nobody() -> None:
-    """Person 7's tracklet in one camera is on a stranger whom no other camera names."""
+def test_a_box_of_a_stranger_that_other_cameras_do_not_see_loses_its_name() -> None:
+    """Person 7's tracklet in one camera is on a stranger, and no other camera names that person."""
     scene = Scene.of({**PLACES, 9: (-0.5, 3.2)})
     person = [np.where(column == 9, UNKNOWN, column) for column in scene.person]
     expected = [column.copy() for column in person]
@@ -99,7 +98,7 @@ def test_a_box_that_shows_nobody_whom_others_see_goes_to_nobody() -> None:
 
 
 def test_a_person_has_one_box_a_camera() -> None:
-    """Person 0's second box of a picture stays nobody's, and 1's tracklet on it does not make it 1's."""
+    """Person 0's second box of a picture stays without a name, and 1's tracklet on it does not make it 1's."""
     scene = Scene.of(PLACES)
     twice = scene.rows(C1, 0)
     bodies = scene.bodies[C1].take(np.append(np.arange(len(scene.bodies[C1])), twice))
@@ -115,7 +114,7 @@ def test_a_person_has_one_box_a_camera() -> None:
 
 
 @pytest.mark.parametrize(("people", "expected"), [([4, 5], UNKNOWN), ([4], 4)])
-def test_a_single_detection_between_two_people_stays_nobodys(people: list[int], expected: int) -> None:
+def test_a_single_detection_between_two_people_stays_without_a_name(people: list[int], expected: int) -> None:
     """In camera C3 a box stands between 4 and 5, a little nearer to 4; the other cameras see both. Alone, 4 takes it."""
     across = RIG["C3"].pose.R_cw[0, :2]  # type: ignore[union-attr]
     scene = Scene.of({who: tuple(x * across) for who, x in ((4, 0.0), (5, 0.36), (6, 0.16))})
@@ -124,27 +123,27 @@ def test_a_single_detection_between_two_people_stays_nobodys(people: list[int], 
     assert (scene.cleaned(scene.person)[C3] == expected).all()
 
 
-def test_whoever_is_seen_by_one_camera_alone_keeps_the_name() -> None:
+def test_a_person_that_one_camera_alone_sees_keeps_the_name_unless_two_cameras_contradict_each_other() -> None:
     lone = Scene.of(PLACES).only({c: [0, 1, 2] for c in range(4) if c != C1})
     assert 7 in lone.person[C1]
     lone.assert_is(lone.cleaned(lone.person), lone.person)
-
-
-def test_two_cameras_that_contradict_each_other_name_nobody() -> None:
-    """Neither is believed: C1 and C3 alone see 7, and C3's 7 is somebody else."""
+    # C1 and C3 alone see 7, and C3's 7 is somebody else: neither is believed.
     scene = Scene.of({7: (0.0, -1.5), 8: (0.0, 2.0)}).only({0: [7], 1: [], 2: [8], 3: []})
     found = scene.cleaned([np.full_like(column, 7) for column in scene.person])
     assert all((column == UNKNOWN).all() for column in found)
 
 
+def lost(*cameras: int) -> Rig:
+    """The rig, in which these cameras have no pose."""
+    return Rig(tuple(replace(camera, pose=None) if c in cameras else camera for c, camera in enumerate(RIG)))
+
+
 def test_a_camera_without_a_pose_keeps_what_it_has() -> None:
     scene = Scene.of(PLACES)
     person = [np.roll(column, 1) for column in scene.person]
-    lost = Rig(tuple(replace(camera, pose=None) if c == C3 else camera for c, camera in enumerate(RIG)))
     good = [column if c != C3 else person[c] for c, column in enumerate(scene.person)]
-    scene.assert_is(scene.cleaned(good, lost), good)
-    alone = Rig(tuple(replace(camera, pose=None) if c != C3 else camera for c, camera in enumerate(RIG)))
-    scene.assert_is(scene.cleaned(person, alone), person)
+    scene.assert_is(scene.cleaned(good, lost(C3)), good)
+    scene.assert_is(scene.cleaned(person, lost(0, 1, 3)), person)
 
 
 def test_instants_are_by_the_clocks() -> None:

@@ -1,12 +1,15 @@
-"""One camera's people as tracks on its ground."""
+"""One camera's people sampled on the grid of time and as tracks on its ground, against walks that are known."""
+
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from passerby.association.ground.ground_tracks import CELL_M, MAX_REACH_HEIGHTS, GroundTracks, Tolerance, ground_tracks
-from passerby.association.sampling import STEP_S
+from passerby.association.ground.ground_tracks import GroundTracks, Tolerance, ground_tracks
+from passerby.association.sampling import STEP_S, InterpolatedSamples, interpolate_samples
 from passerby.geometry.single_view import Level
 from support.scenes.walkers_on_plane import UP, bodies_at
 
@@ -28,6 +31,11 @@ def assert_straight(found: GroundTracks) -> None:
     np.testing.assert_allclose(found.velocity, VELOCITY, atol=1e-7)
 
 
+def of_one(seconds: np.ndarray, **options: object) -> GroundTracks:
+    """Of one person who walks straight."""
+    return tracks_of(np.zeros(len(seconds), int), seconds, straight(seconds), **options)
+
+
 @pytest.mark.parametrize("fps", [2.0, 3.0, 5.0, 25.0, 30000 / 1001])
 @pytest.mark.parametrize("begin", [0.0, 0.21, -7.3])
 def test_a_straight_walk_is_met_exactly_at_every_grid_time(fps: float, begin: float) -> None:
@@ -41,25 +49,19 @@ def test_a_straight_walk_is_met_exactly_at_every_grid_time(fps: float, begin: fl
     assert len(np.unique(found.step)) == len(found)
 
 
-def test_within_a_gap_nothing_is_made_up() -> None:
+def test_within_a_gap_nothing_is_made_up_but_a_slow_camera_may_miss_a_box() -> None:
     seconds = np.arange(0, 12.01, 0.2)
-    seconds = seconds[(seconds < 4.0) | (seconds > 8.0)]
-    found = tracks_of(np.zeros(len(seconds), int), seconds, straight(seconds))
+    found = of_one(seconds[(seconds < 4.0) | (seconds > 8.0)])
     assert_straight(found)
     at = found.step * STEP_S
     assert not ((at > 4.3) & (at < 7.7)).any()
     assert {1.0, 3.5, 8.5, 11.0} <= set(at.tolist())
-
-
-def test_a_slow_camera_may_miss_a_box_but_two_samples_make_no_line() -> None:
-    slow = np.delete(np.arange(0, 12, 0.5), [5, 9, 14])
-    found = tracks_of(np.zeros(len(slow), int), slow, straight(slow))
-    assert set(range(1, 23)) <= set(found.step.tolist())
-    assert_straight(found)
-    seconds = np.concatenate([np.arange(0, 4, 0.2), [5.9, 6.1], np.arange(8, 12, 0.2)])
-    found = tracks_of(np.zeros(len(seconds), int), seconds, straight(seconds))
-    assert 12 not in found.step
-    assert_straight(found)
+    slow = of_one(np.delete(np.arange(0, 12, 0.5), [5, 9, 14]))
+    assert set(range(1, 23)) <= set(slow.step.tolist())
+    assert_straight(slow)
+    two = of_one(np.concatenate([np.arange(0, 4, 0.2), [5.9, 6.1], np.arange(8, 12, 0.2)]))
+    assert 12 not in two.step, "two samples make no line"
+    assert_straight(two)
 
 
 @given(
@@ -96,44 +98,64 @@ def test_short_tracklets_and_people_without_one_are_left_out() -> None:
     assert set(tracks_of(tracklet, times, straight(times), shortest_s=0.0).tracklet.tolist()) == {0, 1}
 
 
-def test_feet_near_the_horizon_have_no_place() -> None:
-    seconds = np.arange(0, 8, 0.2)
-    limit = MAX_REACH_HEIGHTS * HEIGHT
-    ground = 1j * (limit - 5.0 + 1.4 * seconds)
-    found = tracks_of(np.zeros(len(seconds), int), seconds, ground)
-    assert len(found) > 0
-    assert np.abs(found.position).max() < limit + 1e-6
-    assert found.step.max() * STEP_S < 5.0 / 1.4 + 0.5
-    assert len(tracks_of(np.zeros(len(seconds), int), seconds, ground + 10j)) == 0
-
-
-def test_a_jump_of_the_tracker_is_no_walk() -> None:
-    """A tracklet that leaps over 20 metres has no velocity there that anyone could have."""
+def test_feet_near_the_horizon_and_jumps_of_the_tracker_have_no_place() -> None:
     seconds = np.arange(0, 10, 0.2)
-    found = tracks_of(np.zeros(len(seconds), int), seconds, straight(seconds) + np.where(seconds < 5.0, 0.0, 20.0j))
+    numbers = np.zeros(len(seconds), int)
+    near, far = (tracks_of(numbers, seconds, 1j * (metres + 1.4 * seconds)) for metres in (30.0, 300.0))
+    assert (len(near) > 15, len(far)) == (True, 0)
+    # A tracklet leaps over 20 m.
+    found = tracks_of(numbers, seconds, straight(seconds) + np.where(seconds < 5.0, 0.0, 20.0j))
     assert (np.abs(found.velocity) < 12.0).all()
     assert {1.0, 9.0} <= set((found.step * STEP_S).tolist())
     assert 5.0 not in (found.step * STEP_S).tolist()
 
 
-def test_a_camera_covers_the_ground_about_the_places_of_its_people() -> None:
+def test_a_camera_covers_the_ground_about_its_people_and_tolerates_more_far_away() -> None:
     seconds = np.arange(0, 9, 0.2)
     walked = straight(seconds)
-    found = tracks_of(np.zeros(len(seconds), int), seconds, walked)
-    near = found.position[:, None] + 0.9 * CELL_M * np.exp(2j * np.pi * np.arange(8) / 8)
-    assert found.covers(near.ravel()).all()
-    beside = walked + 4.0 * CELL_M * 1j * VELOCITY / abs(VELOCITY)
+    found = of_one(seconds)
+    assert found.covers((found.position[:, None] + 0.9 * np.exp(2j * np.pi * np.arange(8) / 8)).ravel()).all()
+    beside = walked + 4.0j * VELOCITY / abs(VELOCITY)
     assert not found.covers(np.concatenate([beside, walked[:1] - 40.0, walked[:1] + 40.0j])).any()
     nobody = tracks_of(np.zeros(0, int), np.zeros(0), np.zeros(0, complex))
     assert (len(nobody), nobody.position.dtype, nobody.velocity.dtype) == (0, np.complex128, np.complex128)
     assert not nobody.covers(walked).any()
-
-
-def test_the_tolerance_grows_with_the_distance() -> None:
-    seconds = np.arange(0, 20, 0.2)
-    tolerance = Tolerance(floor_m=0.2, along=0.05, across=0.01, foot_m=0.08)
+    seconds, tolerance = np.arange(0, 20, 0.2), Tolerance(floor_m=0.2, along=0.05, across=0.01, foot_m=0.08)
     found = tracks_of(np.zeros(len(seconds), int), seconds, 1j * (5 + seconds), tolerance=tolerance)
     along, across = found.sigma
     reach = np.abs(found.position)
     np.testing.assert_allclose(along, 0.2 + 0.05 * reach + 0.08 * reach / HEIGHT)
     np.testing.assert_allclose(across, 0.2 + 0.01 * reach)
+
+
+def sampled(seconds: np.ndarray, values: NDArray[Any], **options: bool | float) -> InterpolatedSamples[NDArray[np.float64]]:
+    """The samples of a single tracklet."""
+    return interpolate_samples(np.zeros(len(seconds), np.int64), seconds, values, **options)  # type: ignore[arg-type]
+
+
+def test_a_sample_is_the_line_of_least_squares_through_the_rows_about_it() -> None:
+    """Complex columns are two real ones."""
+    rng = np.random.default_rng(1)
+    seconds, x = np.arange(0.0, 8.0, 0.1), rng.standard_normal((80, 2))
+    found, plane = sampled(seconds, x), sampled(seconds, x[:, :1] + 1j * x[:, 1:])
+    k = int(np.flatnonzero(found.step == 8)[0])
+    near = np.abs(seconds - 4.0) < 0.5 + 1e-6
+    slope, level = np.polyfit(seconds[near] - 4.0, x[near, 0], 1)
+    np.testing.assert_allclose([found.value[k, 0], found.rate[k, 0]], [level, slope], atol=1e-9)
+    np.testing.assert_array_equal(plane.step, found.step)
+    np.testing.assert_allclose(plane.value[:, 0], found.value @ [1, 1j], atol=1e-9)
+    np.testing.assert_allclose(plane.rate[:, 0], found.rate @ [1, 1j], atol=1e-9)
+
+
+def test_three_rows_are_needed_or_two_far_apart_where_they_are_asked_for() -> None:
+    """Two rows on one side of a time, or near each other, would make a large error of the pace of noise of the place."""
+    two, three = np.array([0.8, 1.2]), np.array([0.8, 1.0, 1.2])
+    assert len(sampled(two, two[:, None]).step) == 0
+    assert len(sampled(two[:1], two[:1, None], two_suffice=True).step) == 0
+    found = sampled(two, 3 * two[:, None], two_suffice=True)
+    assert found.step.tolist() == sampled(three, three[:, None]).step.tolist() == [2]
+    np.testing.assert_allclose([found.value[0, 0], found.rate[0, 0]], [3.0, 3.0])
+    for pair, there in (((0.99, 1.01), False), ((0.7, 1.2), True)):
+        seconds = np.concatenate([pair, np.arange(10.0, 20.0, 0.1)])
+        found = interpolate_samples((seconds >= 10).astype(int), seconds, seconds[:, None], two_suffice=True)
+        assert (found.tracklet == 0).any() == there

@@ -1,10 +1,13 @@
-"""Who meets whom by a calibrated rig, against people whose places are known."""
+"""Which people meet by a calibrated rig, against people whose places are known, and tracklets joined to people."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from passerby.association.correlation_clustering import cluster_tracklets, find_overlaps
 from passerby.association.ground.ray_affinity import RayTracks, pairwise_ray_affinity, ray_tracks
 from passerby.association.sampling import STEP_S
 from passerby.core.cameras import Pose
@@ -18,33 +21,25 @@ NEAR = looking_at((-2.0, -8.0, 2.2), (0, 0, 1))
 
 @dataclass(frozen=True, eq=False)
 class People:
-    """Walkers on a circle each, about a middle of their own, on ground that climbs along x."""
+    """Walkers on a circle of 1 m each, about a middle of their own, on ground that climbs along x."""
 
     middle: np.ndarray
     """(P, 2)"""
     slope: float = 0.0
-    radius: float = 1.0
     apart: float = 2.0
     """Radians, of one walker after another; 0 where they walk in step."""
 
     def feet(self, person: np.ndarray, seconds: np.ndarray) -> np.ndarray:
-        angle = 1.2 * seconds / self.radius + self.apart * person
-        xy = self.middle[person] + self.radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        angle = 1.2 * seconds + self.apart * person
+        xy = self.middle[person] + np.column_stack([np.cos(angle), np.sin(angle)])
         return np.column_stack([xy, self.slope * xy[:, 0]])
 
     def seen_from(
-        self,
-        pose: Pose,
-        *,
-        late_s: float = 0.0,
-        noise: float = 0.0,
-        fps: float = 10.0,
-        seconds: float = 20.0,
-        unknown: int = -1,
+        self, pose: Pose, *, late_s: float = 0.0, noise: float = 0.0, seconds: float = 20.0, unknown: int = -1
     ) -> RayTracks:
         """By a camera whose clock shows so much more than the time; the tracklet numbers are the people's, one is in none."""
         rng, n = np.random.default_rng(len(self.middle)), len(self.middle)
-        time = np.tile(np.arange(0.0, seconds, 1 / fps), n)
+        time = np.tile(np.arange(0.0, seconds, 0.1), n)
         person = np.repeat(np.arange(n), len(time) // n)
         height = BODY_M * (1 + 0.03 * np.cos(5 * person))[:, None] * [0.0, 0.0, 1.0]
         feet = self.feet(person, time)
@@ -84,24 +79,6 @@ def assert_told_apart(found: np.ndarray) -> None:
 
 
 CROWD = People(np.array([[0.0, 0.0], [3.0, 2.0], [-4.0, 3.0], [1.0, -4.0]]))
-
-
-def test_a_sample_is_the_ray_to_the_middle_and_the_size_of_the_body() -> None:
-    found = CROWD.seen_from(NEAR)
-    feet = CROWD.feet(found.tracklet, found.step * STEP_S)
-    to = feet + [0, 0, 0.5 * BODY_M] - NEAR.centre
-    reach = np.linalg.norm(to, axis=1, keepdims=True)
-    np.testing.assert_allclose(np.linalg.norm(found.ray, axis=1), 1.0)
-    assert np.linalg.norm(found.ray - to / reach, axis=1).max() < 0.02
-    level = np.linalg.norm(to[:, :2], axis=1) / reach[:, 0]
-    np.testing.assert_allclose(found.size, BODY_M * level / reach[:, 0], rtol=0.08)
-    later = CROWD.feet(found.tracklet, found.step * STEP_S + 0.01) - feet
-    across = later / 0.01 - np.einsum("ni,ni->n", later / 0.01, to / reach)[:, None] * to / reach
-    inner = (found.step > found.step.min()) & (found.step < found.step.max())
-    assert np.linalg.norm(found.rate - across / reach, axis=1)[inner].max() < 0.03
-    assert (np.diff(found.step) >= 0).all()
-
-
 LOW = looking_at((9.0, -3.0, 1.6), (0, 0, 1))
 
 
@@ -114,7 +91,7 @@ LOW = looking_at((9.0, -3.0, 1.6), (0, 0, 1))
         pytest.param(FAR, looking_at(tuple(FAR.centre), (0.0, 1.5, 1.0)), 0.0, id="at one place: ground and sizes tell"),
     ],
 )
-def test_people_meet_themselves_and_nobody_else(first: Pose, second: Pose, slope: float) -> None:
+def test_people_meet_themselves_and_no_one_else(first: Pose, second: Pose, slope: float) -> None:
     people = People(CROWD.middle, slope)
     assert_told_apart(table(people.seen_from(first, noise=0.02), people.seen_from(second, noise=0.02), 4))
 
@@ -140,7 +117,7 @@ def test_two_people_side_by_side_do_not_meet(across: tuple[float, float]) -> Non
     assert (np.diag(found) - np.where(np.eye(4) > 0, -1, found).max(axis=1) > 0.3).all()
 
 
-def test_nobody_meets_behind_a_camera() -> None:
+def test_people_behind_a_camera_do_not_meet() -> None:
     """Two cameras at one place and at half a body's height, back to back, and two people opposite each other all the time."""
     here = 0.5 * BODY_M
     first, second = (looking_at((0, 0, here), (x, 0, here)) for x in (6, -6))
@@ -159,8 +136,84 @@ def test_the_lag_is_what_camera_bs_clock_shows_more(lag_s: float) -> None:
         assert np.diag(table(here, there, 4, -lag_s)).mean() < in_step - 0.2
 
 
-def test_whoever_is_in_no_tracklet_or_never_seen_at_one_time_meets_nobody() -> None:
+def test_people_in_no_tracklet_or_never_seen_at_one_time_do_not_meet() -> None:
     i, j, _ = pairwise_ray_affinity(CROWD.seen_from(FAR, unknown=1), CROWD.seen_from(NEAR, unknown=2), 0.0, BODY_M)
     assert (set(i.tolist()), set(j.tolist())) == ({0, 2, 3}, {0, 1, 3})
     apart = pairwise_ray_affinity(CROWD.seen_from(FAR), CROWD.seen_from(NEAR, late_s=500.0), 0.0, BODY_M)
     assert [len(column) for column in apart] == [0, 0, 0]
+
+
+NEVER = -1e9
+"""Weight of two tracklets that cannot be one person."""
+Edge = tuple[int, int, float]
+SQUARE = [(0, 1, 5.0), (2, 3, 5.0), (1, 2, 2.0)]
+"""0 with 1 and 2 with 3 join first; then the sum between the two groups decides."""
+EDGES = st.lists(st.tuples(st.integers(0, 8), st.integers(0, 8), st.floats(-10, 10)), max_size=40)
+PAIRS = st.lists(st.tuples(st.integers(0, 8), st.integers(0, 8)).filter(lambda pair: pair[0] != pair[1]), max_size=12)
+
+
+def joined(n: int, *edges: Edge) -> list[int]:
+    first, second, weight = (np.array(column) for column in zip(*edges, strict=True)) if edges else (np.zeros(0),) * 3
+    return cluster_tracklets(n, first.astype(np.int64), second.astype(np.int64), weight.astype(np.float64)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("edges", "people"),
+    [
+        ([], [0, 1, 2]),
+        ([(0, 3, 0.1), (1, 2, -0.1)], [0, 1, 2, 0]),
+        (SQUARE, [0, 0, 0, 0]),
+        ([*SQUARE, (0, 3, -2.5)], [0, 0, 1, 1]),
+        ([*SQUARE, (0, 3, -1.5)], [0, 0, 0, 0]),
+        # Tracklet 1 fits both 0 and 2, who are two people: the stronger joins first.
+        ([(0, 1, 1.0), (1, 2, 3.0), (0, 2, NEVER)], [0, 1, 1]),
+        ([(0, 1, 3.0), (1, 2, 1.0), (0, 2, NEVER)], [0, 0, 1]),
+        # Edges that stand twice are added, and loops say nothing.
+        ([(0, 1, 1.0), (1, 0, -2.0)], [0, 1]),
+        ([(0, 1, -1.0), (1, 0, 2.0), (0, 0, NEVER)], [0, 0]),
+        # Never reaches through a chain; one cut is enough, at the weakest link.
+        ([(0, 5, NEVER), *((i, i + 1, 10.0 - i) for i in range(5))], [0, 0, 0, 0, 0, 1]),
+    ],
+)  # fmt: skip
+def test_tracklets_are_joined_by_the_sums_between_groups(edges: list[Edge], people: list[int]) -> None:
+    assert joined(len(people), *edges) == people
+
+
+@given(edges=EDGES, never=PAIRS)
+def test_never_is_never_broken_and_no_two_groups_are_left_that_gain_by_joining(
+    edges: list[Edge], never: list[tuple[int, int]]
+) -> None:
+    """And groups are numbered by their first members."""
+    group = joined(9, *edges, *((i, j, NEVER) for i, j in never))
+    assert len(group) == 9
+    assert all(group[i] != group[j] for i, j in never)
+    group = joined(9, *edges)
+    between = np.zeros((9, 9))
+    for i, j, weight in edges:
+        if group[i] != group[j]:
+            between[group[i], group[j]] += weight
+            between[group[j], group[i]] += weight
+    assert between.max() < 1e-9
+    assert list(dict.fromkeys(group)) == list(range(max(group) + 1))
+
+
+@given(sizes=st.lists(st.integers(1, 4), min_size=1, max_size=5), seed=st.integers(0, 1000))
+def test_clear_people_are_found_as_they_are(sizes: list[int], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    person = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
+    first, second = np.triu_indices(len(person), 1)
+    weight = np.where(person[first] == person[second], 1.0, -1.0) * rng.uniform(0.1, 5.0, len(first))
+    group = cluster_tracklets(len(person), first, second, weight)
+    np.testing.assert_array_equal(group[:, None] == group, person[:, None] == person)
+
+
+@given(
+    spans=st.lists(st.tuples(st.integers(0, 20), st.integers(0, 12)), max_size=14), slack=st.sampled_from([0.0, 0.3, 1.5, 4.0])
+)
+def test_overlaps_are_those_that_brute_force_finds(spans: list[tuple[int, int]], slack: float) -> None:
+    start = np.array([begin for begin, _ in spans], dtype=np.float64)
+    end = start + np.array([length for _, length in spans], dtype=np.float64)
+    i, j = find_overlaps(start, end, slack)
+    found = list(zip(i.tolist(), j.tolist(), strict=True))
+    wanted = {(m, n) for n in range(len(spans)) for m in range(n) if min(end[m], end[n]) - max(start[m], start[n]) > slack}
+    assert (len(found), set(found)) == (len(set(found)), wanted)

@@ -1,4 +1,4 @@
-"""Agreement of samples against its definition, and motions fitted to matches against the true ones."""
+"""Samples of two cameras at one time, their agreement, and motions voted for and fitted, against definitions and the truth."""
 
 from dataclasses import replace
 
@@ -13,6 +13,45 @@ from passerby.association.ground.pair_matching import GroundMotion, agreement_of
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 from support.scenes.walkers_on_plane import UP, Station, seen_by, walkers
+
+LEVEL = Level(UP, 4.0, 0.0)
+SAMPLES = st.lists(st.tuples(st.integers(-6, 6), st.integers(0, 3)), max_size=15)
+
+
+def tracks_of(samples: list[tuple[int, int]]) -> GroundTracks:
+    step, tracklet = np.array(sorted(samples), dtype=np.int64).reshape(-1, 2).T
+    none = np.zeros(len(step), dtype=np.complex128)
+    return GroundTracks(LEVEL, Tolerance(), step, tracklet, none, none)
+
+
+@given(first=SAMPLES, second=SAMPLES, lag=st.integers(-8, 8))
+def test_all_that_are_at_one_time_meet(first: list[tuple[int, int]], second: list[tuple[int, int]], lag: int) -> None:
+    tracks = TrackPair(tracks_of(first), tracks_of(second))
+    met = find_synchronous_pairs(tracks, lag)
+    wanted = np.argwhere(tracks.a.step[:, None] + lag == tracks.b.step)
+    assert sorted(zip(met.a.tolist(), met.b.tolist(), strict=True)) == [tuple(row) for row in wanted.tolist()]
+    pairs = met.tracklets
+    assert (pairs.size.sum(), len(set(zip(pairs.a.tolist(), pairs.b.tolist(), strict=True)))) == (len(met), len(pairs))
+    np.testing.assert_array_equal(pairs.a[pairs.of_encounter], tracks.a.tracklet[met.a])
+    np.testing.assert_array_equal(pairs.b[pairs.of_encounter], tracks.b.tracklet[met.b])
+    weight = np.arange(len(met), dtype=np.float64) + 1.0
+    for number in range(len(pairs)):
+        rows = pairs.encounters_of(number)
+        np.testing.assert_array_equal(rows, np.flatnonzero(pairs.of_encounter == number))
+        assert pairs.summed(weight)[number] == weight[rows].sum()
+
+
+def test_some_instants_are_spread_evenly_and_neighbours_stay_together_where_asked() -> None:
+    always = tracks_of([(step, who) for step in range(100) for who in range(3)])
+    both = TrackPair(always, always)
+    instants = np.unique(always.step[find_synchronous_pairs(both, 4, 10).a])
+    assert (len(instants), instants[0], instants[-1]) == (10, 0, 95)
+    assert set(np.diff(instants)) <= {10, 11}
+    assert set(np.diff(np.unique(always.step[find_synchronous_pairs(both, 0, 40, 20).a]))) == {1, 61}
+    for most, stretch in ((100, 1), (100, 30), (99, 1), (99, 30)):  # also where stretches do not divide the instants
+        some = find_synchronous_pairs(both, 0, most, stretch)
+        assert (some.thinned, len(some) < 900) == (most < 100, most < 100)
+
 
 A, B = Station(0.4, -12.0 - 3.0j), Station(2.0, 9.0 + 5.0j, delay_s=0.7)
 ON_THE_GRID = replace(B, delay_s=STEP_S)
@@ -45,9 +84,7 @@ def test_agreement_is_what_it_is_defined_as(seed, factor, spread, along, across,
     def scattered(n: int) -> GroundTracks:
         place, velocity = rng.normal(0, spread, (2, n)), rng.normal(0, 1, (2, n))
         step, tracklet = np.sort(rng.integers(0, 3, n)), rng.integers(0, 3, n)
-        return GroundTracks(
-            Level(UP, 4.0, 0.0), tolerance, step, tracklet, place[0] + 1j * place[1], velocity[0] + 1j * velocity[1]
-        )
+        return GroundTracks(LEVEL, tolerance, step, tracklet, place[0] + 1j * place[1], velocity[0] + 1j * velocity[1])
 
     met = find_synchronous_pairs(TrackPair(scattered(12), scattered(12)), 1)
     motion = GroundMotion(scale * np.exp(1.3j), complex(*rng.normal(0, 1, 2)), 0.5 + rng.uniform(-0.25, 0.25))
@@ -62,18 +99,9 @@ def seen(b: Station) -> SynchronousPairs:
     return find_synchronous_pairs(TrackPair(tracks_a, tracks_b), round(b.delay_s / STEP_S))
 
 
-def test_nobody_matches_under_a_motion_that_is_far_off() -> None:
+def test_no_tracklets_match_under_a_motion_that_is_far_off() -> None:
     true = GroundMotion(*A.motion_to(B))
     assert match_tracklets(seen(B), replace(true, shift=true.shift + 200.0), 2.5) is None
-
-
-@pytest.mark.parametrize(("n", "matched"), [(3, ([0], [0], pytest.approx(3.0))), (2, None)])
-def test_two_tracklets_match_by_three_common_samples_and_not_by_two(n: int, matched: tuple | None) -> None:
-    """Whoever is seen by both for a second and a half has three grid times."""
-    place, walk = np.array([-3.0 + 2.0j, -2.5 + 2.0j, -2.0 + 2.0j]), np.full(3, 1.0 + 0j)
-    own = GroundTracks(Level(UP, 4.0, 0.0), Tolerance(), np.arange(n), np.zeros(n, np.int64), place[:n], walk[:n])
-    found = match_tracklets(find_synchronous_pairs(TrackPair(own, own), 0), GroundMotion(1.0 + 0j, 0j, 0.0), 1.0)
-    assert (found and (found.tracklets_a.tolist(), found.tracklets_b.tolist(), found.score)) == matched
 
 
 @pytest.mark.parametrize(("b", "free_lag"), [(B, True), (ON_THE_GRID, True), (ON_THE_GRID, False)])

@@ -1,19 +1,12 @@
 """What association starts from, against the truth of simulated cameras."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from passerby.association.camera_tracklets import (
-    CameraTracklets,
-    _joints_of_boxes,
-    build_camera_tracklets,
-    build_tracklets,
-    earlier_tracklets,
-)
-from passerby.core.observations import BODY_17, UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets, build_tracklets, earlier_tracklets
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.simulation import SimulatedScene
 from support.scenes.people_and_rigs import simulated
 
@@ -103,6 +96,7 @@ def test_a_given_tracklet_that_changes_person_is_split(scene: SimulatedScene) ->
 
 
 def test_joints_belong_to_the_boxes_that_they_lie_in(scene: SimulatedScene) -> None:
+    """And those far from every box to no one."""
     true = seen(scene)
     found = prepared(scene, nameless(true)).seen
     keys = zip(true.boxes.frame.tolist(), true.boxes.identity.tolist(), strict=True)
@@ -115,21 +109,7 @@ def test_joints_belong_to_the_boxes_that_they_lie_in(scene: SimulatedScene) -> N
     assert np.mean(joints.identity[known] == expected[known]) > 0.98
     each = set(zip(joints.frame[known].tolist(), joints.identity[known].tolist(), strict=True))
     assert len(each) == known.sum(), "two on one box"
-
-
-def test_joints_are_held_against_the_boxes_of_their_own_frame() -> None:
-    """Two people change places from frame to frame."""
-    frame, number = np.repeat(np.arange(1, 9), 2), np.tile([0, 1], 8)
-    left = np.where((frame + number) % 2 == 0, 100.0, 500.0)
-    boxes = Boxes(frame, number, np.column_stack([left, left, np.full(16, 60.0), np.full(16, 160.0)]), np.ones(16))
-    corners = np.linspace(0.0, 1.0, len(BODY_17))[:, None]
-    xy = boxes.ltwh[:, None, :2] + corners * boxes.ltwh[:, None, 2:]
-    joints = Keypoints(frame, np.full(16, UNKNOWN), xy, np.ones(xy.shape[:2]))
-    np.testing.assert_array_equal(_joints_of_boxes(joints, boxes).identity, number)
-
-
-def test_joints_far_from_every_box_are_nobodys(scene: SimulatedScene) -> None:
-    true = nameless(seen(scene))
+    true = nameless(true)
     moved = replace(true, keypoints=replace(true.keypoints, xy=true.keypoints.xy + 5000.0))
     assert (prepared(scene, moved).seen.keypoints.identity == UNKNOWN).all()
 
@@ -146,32 +126,8 @@ def test_joints_alone_are_tracked_but_for_those_that_were_not_found(scene: Simul
     some = prepared(scene, CameraObservations(Boxes.empty(), replace(joints, score=score))).seen.keypoints.identity
     assert (some[::3] == UNKNOWN).all()
     assert (some > UNKNOWN).mean() > 0.3
-
-
-def test_nobody_seen_is_no_error(scene: SimulatedScene) -> None:
-    found = prepared(scene, CameraObservations())
-    assert (found.n_tracklets, len(found.bodies), found.level, found.tracks) == (0, 0, None, None)
-
-
-@pytest.mark.slow
-def test_an_executor_changes_nothing(scene: SimulatedScene) -> None:
-    observations = Observations({name: nameless(CameraObservations(scene.truth[name])) for name in scene.rig.names})
-    clocks = dict.fromkeys(scene.rig.names, Clock(FPS))
-    told: list[tuple[int, int]] = []
-
-    def tell(stage: str, done: int = 0, total: int = 0) -> None:
-        told.append((done, total))
-
-    plain = build_tracklets(scene.rig, observations, clocks, 1.72, np.random.default_rng(3), tell=tell)
-    with ThreadPoolExecutor(2) as pool:
-        aside = build_tracklets(scene.rig, observations, clocks, 1.72, np.random.default_rng(3), pool)
-    assert [camera.name for camera in plain] == [camera.name for camera in aside] == list(scene.rig.names)
-    assert told[-1] == (len(scene.rig), len(scene.rig))
-    for one, other in zip(plain, aside, strict=True):
-        np.testing.assert_array_equal(one.seen.boxes.identity, other.seen.boxes.identity)
-        assert one.level is not None
-        assert other.level is not None
-        np.testing.assert_allclose(one.level.height, other.level.height, rtol=1e-9)
+    nobody = prepared(scene, CameraObservations())
+    assert (nobody.n_tracklets, len(nobody.bodies), nobody.level, nobody.tracks) == (0, 0, None, None)
 
 
 def test_a_camera_is_prepared_again_only_where_what_it_saw_has_changed(scene: SimulatedScene) -> None:
@@ -181,7 +137,14 @@ def test_a_camera_is_prepared_again_only_where_what_it_saw_has_changed(scene: Si
     rest = {**seen, changed: replace(seen[changed], boxes=seen[changed].boxes.take(slice(40, None)))}
     earlier = earlier_tracklets()
     rng = np.random.default_rng
-    first = build_tracklets(scene.rig, Observations(seen), clocks, 1.72, rng(3), earlier=earlier)
+    counted: list[tuple[int, int]] = []
+
+    def tell(stage: str, done: int = 0, total: int = 0) -> None:
+        counted.append((done, total))
+
+    first = build_tracklets(scene.rig, Observations(seen), clocks, 1.72, rng(3), earlier=earlier, tell=tell)
+    assert counted[-1] == (len(scene.rig), len(scene.rig))
+    assert [camera.name for camera in first] == list(scene.rig.names)
     again = build_tracklets(scene.rig, Observations(rest), clocks, 1.72, rng(3), earlier=earlier)
     alone = build_tracklets(scene.rig, Observations(rest), clocks, 1.72, rng(3))
     for one, same, other in zip(first, again, alone, strict=True):

@@ -1,10 +1,11 @@
+"""Detections followed into tracklets of one person, and given tracklets split where they change person."""
+
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from passerby.association.tracking.embedding_model import learn_similarity
 from passerby.association.tracking.splitting import SplittingOptions, find_continuations, find_motion_links, split_tracklets
 from passerby.association.tracking.tracking import TrackingOptions, track
 from passerby.common.errors import InputError
@@ -26,7 +27,7 @@ def forgotten(boxes: Boxes) -> Boxes:
 
 
 def purity(tracklet: np.ndarray, truth: np.ndarray) -> float:
-    """Share of the boxes in tracklets whose tracklet's commonest person is theirs; boxes of nobody (-1) are one more person."""
+    """Share of the boxes in tracklets whose tracklet's commonest person is theirs; boxes without one (-1) count as one more."""
     use = tracklet >= 0
     _, inverse = np.unique(tracklet[use], return_inverse=True)
     people, person = np.unique(truth[use], return_inverse=True)
@@ -80,32 +81,28 @@ def with_swaps(boxes: Boxes, fps: float, every_s: float) -> tuple[Boxes, int]:
 
 
 @thinned(
-    ("preset", "fps", "most"),
+    ("preset", "fps", "changes", "least_pure", "most"),
     [
-        ("terrace", 5.0, 0.65),
-        ("terrace", 25.0, 0.88),
-        ("basketball", 5.0, 0.75),
-        ("basketball", 10.0, 0.85),
-        ("construction", 2.0, 0.6),
-        ("construction", 10.0, 0.9),
+        ("terrace", 5.0, {}, 0.985, 0.65),
+        ("terrace", 25.0, {}, 0.985, 0.88),
+        ("basketball", 5.0, {}, 0.985, 0.75),
+        ("basketball", 10.0, {}, 0.985, 0.85),
+        ("construction", 2.0, {}, 0.985, 0.6),
+        ("construction", 10.0, {}, 0.985, 0.9),
+        # A crowd: fourteen people on 80 square metres; without the margin the purity is 0.94.
+        ("terrace", 5.0, {"people": 14}, 0.985, 0.5),
+        ("terrace", 10.0, {"false_boxes": 1.0}, 0.98, 0.75),
     ],
 )
-def test_tracklets_are_of_one_person(preset: str, fps: float, most: float) -> None:
-    boxes = seen(preset, fps)
+def test_tracklets_are_of_one_person(preset: str, fps: float, changes: dict, least_pure: float, most: float) -> None:
+    boxes = seen(preset, fps, **changes)
     found = track(forgotten(boxes), fps)
-    assert purity(found.identity, boxes.identity) > 0.985
+    assert purity(found.identity, boxes.identity) > least_pure
     assert covered(found.identity, boxes.identity) > most
     np.testing.assert_array_equal(found.ltwh, boxes.ltwh)
     np.testing.assert_array_equal(found.frame, boxes.frame)
-
-
-@pytest.mark.slow
-def test_many_false_boxes_do_not_join() -> None:
-    boxes = seen("terrace", 10.0, false_boxes=1.0)
-    found = track(forgotten(boxes), 10.0).identity
-    assert purity(found, boxes.identity) > 0.98
-    assert (found[boxes.identity < 0] >= 0).mean() < 0.05
-    assert covered(found, boxes.identity) > 0.75
+    if "false_boxes" in changes:
+        assert (found.identity[boxes.identity < 0] >= 0).mean() < 0.05
 
 
 @pytest.mark.slow
@@ -126,7 +123,7 @@ def test_neither_the_order_of_the_rows_nor_the_numbers_of_frames_matter() -> Non
 
 @pytest.mark.parametrize("nearest", [0.0, 16.0])
 def test_two_who_merge_and_part_are_not_guessed(nearest: float) -> None:
-    """Two walk towards each other, stand together for a while and part: whether they passed or turned back nobody can tell.
+    """Two walk towards each other, stand together for a while and part: whether they passed or turned back cannot be seen.
 
     Their boxes come as near as so many pixels, and are off by two: at 16 the best guess would go on.
     """
@@ -142,15 +139,6 @@ def test_two_who_merge_and_part_are_not_guessed(nearest: float) -> None:
     assert not before & after
 
 
-@pytest.mark.slow
-def test_a_crowd_is_not_guessed() -> None:
-    """Fourteen people on 80 square metres: without the margin the purity is 0.94."""
-    boxes = seen("terrace", 5.0, people=14)
-    found = track(forgotten(boxes), 5.0).identity
-    assert purity(found, boxes.identity) > 0.985
-    assert covered(found, boxes.identity) > 0.5
-
-
 def test_embeddings_help_where_people_differ_and_harm_nowhere() -> None:
     boxes = seen("terrace", 5.0)
     plain = track(forgotten(boxes), 5.0).identity
@@ -162,16 +150,6 @@ def test_embeddings_help_where_people_differ_and_harm_nowhere() -> None:
     np.testing.assert_array_equal(alike, plain)
 
 
-@pytest.mark.slow
-def test_resemblance_is_measured_and_noise_is_seen_through() -> None:
-    boxes = seen("construction", 5.0)
-    told = learn_similarity(worn(boxes, 1.0))
-    assert told is not None
-    assert told.same[0] > 0.5 > told.other[0] + 0.3
-    assert learn_similarity(worn(boxes, 1.0, alike=True)) is None
-    assert learn_similarity(boxes) is None
-
-
 LONE = walker((0, 0), (0, 0), np.arange(1), -1, 5.0)
 
 
@@ -181,6 +159,11 @@ def going(left: float, top: float, pace: float, frames: np.ndarray, number: int 
 
 FRAMES = np.arange(60)
 DIM = replace(going(100, 50, 60, FRAMES[:30]), score=np.where(np.isin(FRAMES[:30], (12, 13)), 0.4, 1.0))
+
+
+def repeated(numbers: dict[int, int]) -> np.ndarray:
+    """So many boxes of each number follow one another."""
+    return np.repeat(np.array(list(numbers), dtype=int), np.array(list(numbers.values()), dtype=int))
 
 
 @pytest.mark.parametrize(
@@ -200,9 +183,7 @@ DIM = replace(going(100, 50, 60, FRAMES[:30]), score=np.where(np.isin(FRAMES[:30
     ids=["pass at different distances", "gaps", "twice", "weak", "nothing", "one box", "three boxes"],
 )
 def test_a_few_people_are_followed(boxes: list[Boxes], numbers: dict[int, int]) -> None:
-    """So many boxes of each number follow one another."""
-    wanted = np.repeat(np.array(list(numbers), dtype=int), np.array(list(numbers.values()), dtype=int))
-    np.testing.assert_array_equal(track(together(*boxes), 10.0).identity, wanted)
+    np.testing.assert_array_equal(track(together(*boxes), 10.0).identity, repeated(numbers))
 
 
 STEADY = going(100, 50, 30, FRAMES[:20], 3)
@@ -223,16 +204,20 @@ GROWN = going(60, 0, 30, FRAMES[20:40], 3)
     ids=["jump", "gap", "change of size", "numbers", "nothing"],
 )  # fmt: skip
 def test_tracklets_are_split(boxes: list[Boxes], numbers: dict[int, int]) -> None:
-    wanted = np.repeat(np.array(list(numbers), dtype=int), np.array(list(numbers.values()), dtype=int))
-    np.testing.assert_array_equal(split_tracklets(together(*boxes), 10.0).identity, wanted)
+    np.testing.assert_array_equal(split_tracklets(together(*boxes), 10.0).identity, repeated(numbers))
 
 
-def test_one_misplaced_box_and_a_half_hidden_person_do_not_split() -> None:
+def test_one_misplaced_or_misnamed_box_and_a_half_hidden_person_do_not_split() -> None:
+    """Not even the second box of all, though what came before it is the very first one."""
     whole = going(100, 50, 30, FRAMES[:40], 3)
     ltwh = np.array(whole.ltwh)
     ltwh[20, 0] += 300
     ltwh[30:34, 3] = 45
     np.testing.assert_array_equal(split_tracklets(replace(whole, ltwh=ltwh), 10.0).identity, whole.identity)
+    for frame in (1, 20):
+        one, two = (going(100, top, 10, FRAMES[:40], number) for number, top in ((0, 50), (1, 900)))
+        boxes = together(replace(one, identity=np.where(one.frame == frame, 1, 0)), two.take(two.frame != frame))
+        np.testing.assert_array_equal(split_tracklets(boxes, 10.0).identity, boxes.identity)
 
 
 def test_bad_input_is_named() -> None:
@@ -269,15 +254,6 @@ def test_swapped_tracklets_are_split(preset: str) -> None:
     assert count(by_both) <= pieces + 3 * swaps
 
 
-@pytest.mark.parametrize("frame", [1, 20])
-def test_a_single_box_with_somebody_elses_number_does_not_split(frame: int) -> None:
-    """Not even as the second of all, though what came before it is the very first box."""
-    one, two = (walker((100, top), (10, 0), np.arange(40), number, 10.0) for number, top in ((0, 50), (1, 900)))
-    one = replace(one, identity=np.where(one.frame == frame, 1, 0))
-    boxes = together(one, two.take(two.frame != frame))
-    np.testing.assert_array_equal(split_tracklets(boxes, 10.0).identity, boxes.identity)
-
-
 def test_a_tracklet_that_broke_goes_on_as_the_next_whatever_the_order_of_the_rows() -> None:
     """The other person stays one, boxes without a number are left out, and links that are known change nothing."""
     one, two = (walker((100, top), (10, 0), np.arange(40), number, 10.0) for number, top in ((3, 50), (7, 900)))
@@ -293,18 +269,15 @@ def test_a_tracklet_that_broke_goes_on_as_the_next_whatever_the_order_of_the_row
 
 
 def test_a_change_of_appearance_alone_splits_where_it_is() -> None:
+    """And where only every tenth box has an embedding, these tell as much as if there were no others."""
     rng = np.random.default_rng(3)
     people = rng.standard_normal((3, 64))
-    one, two = (walker((100, top), (10, 0), np.arange(100), number, 10.0) for number, top in ((0, 50), (1, 400)))
+    one, two = (going(100, top, 10, np.arange(100), number) for number, top in ((0, 50), (1, 400)))
     wears = np.concatenate([np.repeat([0, 2], [60, 40]), np.repeat(1, 100)])
     boxes = replace(together(one, two), embedding=people[wears] + 1.5 * rng.standard_normal((200, 64)))
     found = split_tracklets(boxes, 10.0).identity
     assert count(found) == 3
     assert abs(int(np.flatnonzero(found[:100] != 0)[0]) - 60) <= 1
-
-
-def test_boxes_without_an_embedding_say_nothing_of_looks() -> None:
-    """Every tenth box has one: these tell people apart, and where a tracklet changes, as well as if there were no others."""
     wears = np.repeat([0, 3, 1, 2], [60, 60, 120, 120])
     boxes = together(*(going(100 + 200 * number, 50, 0, np.arange(120), number) for number in range(3)))
     rare = replace(boxes, embedding=np.where(boxes.frame % 10 == 0, 1.0, 0.0)[:, None] * np.eye(4)[wears])
@@ -312,20 +285,20 @@ def test_boxes_without_an_embedding_say_nothing_of_looks() -> None:
 
 
 @pytest.mark.real
-@pytest.mark.parametrize("camera", ["V1", "V5"])
-def test_pets(data_root: Path, camera: str) -> None:
+@pytest.mark.parametrize(("camera", "least"), [("V1", 0.98), ("V5", 0.945)])
+def test_pets(data_root: Path, camera: str, least: float) -> None:
     """Real detections at 7 fps. The labels flicker between people who walk side by side: 0.96 is about all there is."""
     folder = data_root / "pets2009"
     if not folder.is_dir():
         pytest.skip(f"no data set {folder}")
-    boxes, labelled = read_boxes(folder / "detections" / f"{camera}.txt"), read_boxes(folder / "identities" / f"{camera}.txt")
-    keys = {(frame, *box): person for frame, box, person in zip(labelled.frame.tolist(), labelled.ltwh.tolist(),
-                                                                labelled.identity.tolist(), strict=True)}  # fmt: skip
+    boxes, labelled = (read_boxes(folder / kind / f"{camera}.txt") for kind in ("detections", "identities"))
+    rows = zip(labelled.frame.tolist(), labelled.ltwh.tolist(), labelled.identity.tolist(), strict=True)
+    person = {(frame, *box): number for frame, box, number in rows}
     truth = np.array(
-        [keys.get((frame, *box), -1) for frame, box in zip(boxes.frame.tolist(), boxes.ltwh.tolist(), strict=True)]
+        [person.get((frame, *box), -1) for frame, box in zip(boxes.frame.tolist(), boxes.ltwh.tolist(), strict=True)]
     )
     found = track(boxes, 7.0).identity
     assert (truth >= 0).mean() > 0.8
     known = truth >= 0
-    assert purity(found[known], truth[known]) > {"V1": 0.98, "V5": 0.945}[camera]
+    assert purity(found[known], truth[known]) > least
     assert covered(found, truth) > 0.9

@@ -7,8 +7,12 @@ import pytest
 
 from passerby.core.cameras import Pose
 from passerby.geometry.rotations import exp_rotation, log_rotation
-from passerby.monitoring.comparison import LEAST_SHARE, Estimate, compare, sigma_share
+from passerby.monitoring.comparison import Estimate, compare, sigma_share
+from passerby.monitoring.evidence import MODEL_DEG, MODEL_M
+from passerby.monitoring.windows import Part, estimate_by_parts, estimate_by_scores
+from passerby.people.scores import Scores
 from passerby.people.sightings import poses_of
+from passerby.solver.gauge import similarity_moves
 from reliability.room import room_rig
 
 PLACE_SD, TURN_SD = 0.01, np.radians(0.06)
@@ -73,7 +77,7 @@ def test_two_cameras_alone_cannot_say_which():
     assert sigma_share(centre, covariance(2, 5.0), estimate(R, centre)) == 1.0
 
 
-def test_a_large_rig_half_of_which_was_turned():
+def test_half_of_a_large_rig_was_turned():
     R, centre = poses(9)
     rng = np.random.default_rng(3)
     turns = {c: 2 * v / np.linalg.norm(v) for c, v in zip((0, 3, 4, 8), rng.standard_normal((4, 3)), strict=True)}
@@ -82,7 +86,7 @@ def test_a_large_rig_half_of_which_was_turned():
     assert all(one.others == () for one in found.moved)
 
 
-def test_noise_as_stated_moves_nobody():
+def test_noise_as_stated_moves_no_camera():
     R, centre = poses()
     found = [compared(R, centre, estimate(R, centre, rng=np.random.default_rng((4, seed)))) for seed in range(25)]
     assert not any(one.moved for one in found)
@@ -144,7 +148,73 @@ def test_cameras_left_out_are_untestable():
 def test_places_say_how_good_a_rig_is():
     R, centre = poses()
     turned = estimate(R, centre, {0: [0, 2, 0], 1: [1, 0, 1], 2: [0, -2, 0]})
-    assert sigma_share(centre, covariance(4, 5.0), turned) == LEAST_SHARE
+    assert sigma_share(centre, covariance(4, 5.0), turned) == 0.2
     # Errors as large as stated are taken for smaller ones in a twentieth of the cases.
     found = (estimate(R, centre, rng=np.random.default_rng((6, seed))) for seed in range(40))
     assert np.mean([sigma_share(centre, covariance(4), one) < 0.95 for one in found]) < 0.3
+
+
+CAMERAS = 4
+ROOM = room_rig(3, CAMERAS)
+ROOM_R, ROOM_CENTRE = poses_of(ROOM, ROOM.names)
+SD = np.tile(np.repeat([0.03, np.radians(0.3)], 3), CAMERAS)
+"""Of one window."""
+MOVES = similarity_moves(ROOM_R, ROOM_CENTRE, ROOM_CENTRE.mean(axis=0)).reshape(-1, 7)
+ALONG = np.diag(SD**-2) @ MOVES
+INFORMATION = np.diag(SD**-2) - ALONG @ np.linalg.solve(MOVES.T @ ALONG, ALONG.T)
+"""Of one window: nothing along similarities."""
+
+
+def parts(seed, turned=0.0, excess=1.0, count=12, stretches=4.0):
+    """Windows of a rig whose camera 1 is turned about the vertical."""
+    rng, true = np.random.default_rng(seed), np.zeros((CAMERAS, 6))
+    true[1, 3:] = np.radians(turned) * ROOM_R[1][:, 2]
+    found = (true.ravel() + excess * SD * rng.standard_normal(6 * CAMERAS) for _ in range(count))
+    return [Part(60.0 * k, 60.0 * (k + 1), one, INFORMATION, np.full(CAMERAS, stretches)) for k, one in enumerate(found)]
+
+
+def of_windows(windows):
+    before = np.diag(np.tile(np.repeat([0.01**2, np.radians(0.05) ** 2], 3), CAMERAS))
+    found = estimate_by_parts(ROOM_R, ROOM_CENTRE, windows)
+    return compare(ROOM_R, ROOM_CENTRE, (np.zeros(6 * CAMERAS), before), found, THRESHOLD)
+
+
+@pytest.mark.parametrize("excess", [1.0, 3.0])
+def test_still_cameras_are_steady_however_much_windows_differ(excess):
+    scores = [max(test.score for test in of_windows(parts(seed, excess=excess)).tests) for seed in range(40)]
+    assert max(scores) < THRESHOLD
+    assert np.median(scores) < 1.5
+
+
+def test_windows_that_show_nothing_show_a_turn_together():
+    windows = parts(1, turned=0.8)
+    assert not any(of_windows([one]).moved for one in windows)
+    (moved,) = of_windows(windows).moved
+    assert (moved.camera, moved.others) == (1, ())
+    off = moved.shift - np.concatenate([np.zeros(3), np.radians(0.8) * ROOM_R[1][:, 2]])
+    assert off @ np.linalg.solve(moved.covariance, off) < 22.5  # 99.9 % of a chi squared of six
+
+
+def test_errors_do_not_average_out_and_too_few_people_give_no_estimate():
+    """What people seem to move a camera by stays, in as many windows as may be."""
+    spread = np.sqrt(np.diag(estimate_by_parts(ROOM_R, ROOM_CENTRE, parts(0, count=3000)).covariance)).reshape(CAMERAS, 6)
+    assert (spread[:, :3] >= MODEL_M).all()
+    assert (spread[:, 3:] >= np.radians(MODEL_DEG)).all()
+    assert estimate_by_parts(ROOM_R, ROOM_CENTRE, parts(0, count=1, stretches=1.0)) is None
+    nothing = Scores(np.zeros(0), np.zeros((0, 24)), np.zeros((0, 24, 24)), np.zeros((0, CAMERAS), np.int64))
+    assert estimate_by_scores(ROOM_R, ROOM_CENTRE, nothing) is None
+
+
+def test_scatter_of_people_is_in_the_estimate_by_scores():
+    """Clusters that scatter three times as much as they state are three times as uncertain."""
+
+    def spread(excess):
+        rng, n, one = np.random.default_rng(5), 400, INFORMATION / 100
+        value, vector = np.linalg.eigh(one)
+        noise = (vector * np.sqrt(np.maximum(value, 0.0))) @ rng.standard_normal((6 * CAMERAS, n))
+        scores = Scores(6.0 * np.arange(n), excess * noise.T, np.repeat(one[None], n, axis=0), np.ones((n, CAMERAS), np.int64))
+        found = estimate_by_scores(ROOM_R, ROOM_CENTRE, scores)
+        weak = found.covariance - np.diag(np.tile(np.repeat([MODEL_M**2, np.radians(MODEL_DEG) ** 2], 3), CAMERAS))
+        return np.sqrt(np.trace(INFORMATION @ weak))
+
+    assert spread(3.0) == pytest.approx(3 * spread(1.0), rel=0.05)

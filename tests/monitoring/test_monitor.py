@@ -1,7 +1,8 @@
-"""`passerby monitor` and `passerby.monitor`: names, files, exit status; the output leaves other cameras alone."""
+"""`passerby monitor` and `passerby.monitor`: names, files, exit status; the output leaves other cameras and groups alone."""
 
 import json
 import re
+import shutil
 import tomllib
 from dataclasses import replace
 
@@ -11,7 +12,10 @@ import pytest
 import passerby
 from passerby.cli.main import run
 from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from passerby.core.observations import CameraObservations, Observations
 from passerby.interchange.rig_toml import read_rig
+from support.scenes.rooms_for_monitor import rooms, walkers_in_rooms
 from support.scenes.walkers_for_monitor import calibrated, knocked, true_rig, walkers, write_watched
 
 RIG = true_rig()
@@ -47,6 +51,7 @@ def test_a_quiet_rig(tmp_path, capsys):
     rig, scene = write_watched(tmp_path, GIVEN, walkers(RIG, 120))
     assert run(["monitor", str(rig), str(scene), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
+    assert told["thinning"] is None, "small rigs are not thinned unless asked"
     assert [camera["state"] for camera in told["cameras"]] == ["steady"] * 4
     assert all(0 < camera["smallest_turn_deg"] < camera["worst_turn_deg"] < 3 for camera in told["cameras"])
     (whole,) = told["whole"]
@@ -72,24 +77,22 @@ def test_too_few_people(tmp_path, capsys):
     assert "steady" not in printed
 
 
-def test_what_cannot_be_monitored(tmp_path):
+def test_footage_and_rigs_that_do_not_fit_are_named(tmp_path):
     rig, scene = write_watched(tmp_path, GIVEN, walkers(RIG, 10))
     rig_text, text = rig.read_text(), scene.read_text()
     (tmp_path / "small.toml").write_text(rig_text.replace("720", "1440", 1).replace("576", "1152", 1))
     unnamed = text.replace("[cameras.C3]", "[cameras.C7]").replace('rig.toml"\ntracks = "C3', 'other.toml"\ntracks = "C3')
-    for changed, told in (
-        (unnamed, "camera C7 is not in the rig, which has C1, C2, C3, C4"),
-        (text.replace("rig.toml", "small.toml", 1), "camera C1 has images of 1440 x 1152, the rig's of 720 x 576"),
-        (re.sub("(?m)^fps = .*$", "", text), r"under \[scene\] set fps to it"),
+    unposed = [replace(camera, pose=None, sigma=None) if camera.name != "C1" else camera for camera in GIVEN]
+    for changed, cameras, message in (
+        (unnamed, GIVEN, "camera C7 is not in the rig, which has C1, C2, C3, C4"),
+        (text.replace("rig.toml", "small.toml", 1), GIVEN, "camera C1 has images of 1440 x 1152, the rig's of 720 x 576"),
+        (re.sub("(?m)^fps = .*$", "", text), GIVEN, r"under \[scene\] set fps to it"),
+        (text, unposed, "only C1 has a pose in the rig: two or more"),
     ):
         scene.write_text(changed)
-        with pytest.raises(InputError, match=told):
+        passerby.write_rig(rig, passerby.Rig(tuple(cameras)))
+        with pytest.raises(InputError, match=message):
             passerby.monitor(rig, scene)
-    scene.write_text(text)
-    unposed = [replace(camera, pose=None, sigma=None) if camera.name != "C1" else camera for camera in GIVEN]
-    passerby.write_rig(rig, passerby.Rig(tuple(unposed)))
-    with pytest.raises(InputError, match="only C1 has a pose in the rig: two or more"):
-        passerby.monitor(rig, scene)
 
 
 def test_a_calibration_is_not_overwritten(moved, tmp_path, capsys):
@@ -97,3 +100,74 @@ def test_a_calibration_is_not_overwritten(moved, tmp_path, capsys):
     assert run(["monitor", *map(str, moved), "-o", str(tmp_path)]) == 2
     assert "holds a calibration" in capsys.readouterr().err
     assert run(["monitor", *map(str, moved), "--every", "1"]) == 2
+
+
+TWO_ROOMS = rooms(2)
+KNOWN = calibrated(TWO_ROOMS)
+
+
+@pytest.fixture
+def site(tmp_path):
+    """A folder with two groups, the main rig file with the other's cameras, too; a scene of both, where C6 has moved."""
+    seen = walkers_in_rooms(TWO_ROOMS, 90, knocks={"C6": (0.0, knocked(TWO_ROOMS["C6"].pose, (0, 3, 0)))})
+    _, scene = write_watched(tmp_path, KNOWN, seen)
+    for folder, own in (("out", KNOWN.names[:4]), ("out/groups/2", KNOWN.names[4:])):
+        (tmp_path / folder).mkdir(parents=True)
+        cameras = [c if c.name in own else replace(c, pose=None, sigma=None) for c in KNOWN if folder == "out" or c.name in own]
+        passerby.write_rig(tmp_path / folder / "rig.toml", Rig(tuple(cameras)))
+    return tmp_path / "out", scene
+
+
+def test_all_groups_are_monitored(site, tmp_path, capsys):
+    assert run(["monitor", *map(str, site), "-o", str(tmp_path / "checked")]) == 3
+    printed = capsys.readouterr()
+    assert printed.out.count("group ") == 2
+    assert printed.out.count("steady") == 7
+    assert "C6 moved before the footage began" in printed.out
+    assert "no pose" not in printed.err
+    told = json.loads((tmp_path / "checked" / "groups" / "2" / "monitor.json").read_text())
+    assert [one["name"] for one in told["cameras"]] == ["C5", "C6", "C7", "C8"]
+    new = read_rig(tmp_path / "checked" / "groups" / "2" / "rig.toml")
+    assert not (new["C6"].centre == KNOWN["C6"].centre).all()
+    # What was written is monitored as what was calibrated.
+    assert run(["monitor", str(tmp_path / "checked"), str(site[1])]) == 0
+
+
+@pytest.mark.slow
+def test_the_json_has_all_groups_and_cameras_without_news_are_those_of_each(site, tmp_path, capsys):
+    assert run(["monitor", *map(str, site), "-o", str(tmp_path / "checked"), "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert [one["state"] for one in told["cameras"]] == ["steady"] * 4
+    (group,) = told["groups"]
+    assert (group["group"], group["folder"]) == (2, "groups/2")
+    assert [one["state"] for one in group["cameras"]] == ["steady", "moved", "steady", "steady"]
+    assert run(["monitor", *map(str, site), "-o", str(tmp_path / "checked"), "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert all(one["carried"] for part in (told, *told["groups"]) for one in part["cameras"])
+
+
+def test_groups_without_footage_are_left_out(site, tmp_path, capsys):
+    seen = walkers_in_rooms(TWO_ROOMS, 90)
+    (tmp_path / "half").mkdir()
+    _, scene = write_watched(
+        tmp_path / "half", KNOWN, Observations({name: seen[name] for name in TWO_ROOMS.names[4:]}, seen.fps)
+    )
+    assert run(["monitor", str(site[0]), str(scene), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["folder"], "groups" in told) == ("groups/2", False)
+    # A folder of one group is a rig as before.
+    shutil.rmtree(site[0] / "groups")
+    run(["monitor", *map(str, site)])
+    assert "group" not in capsys.readouterr().out
+
+
+def test_one_camera_of_each_group_or_of_none_is_one_line(site, tmp_path, capsys):
+    (tmp_path / "two").mkdir()
+    seen = Observations({name: CameraObservations() for name in ("C1", "C5")}, 2.0)
+    _, scene = write_watched(tmp_path / "two", KNOWN, seen)
+    site[1].write_text(site[1].read_text().replace("[cameras.C8]", "[cameras.C80]"))
+    for path, message in ((scene, ""), (site[1], "camera C80 is not in the rig, which has C1, C2")):
+        assert run(["monitor", str(site[0]), str(path)]) == 2
+        printed = capsys.readouterr().err
+        assert message in printed
+        assert printed.count("\n") == 1

@@ -15,7 +15,7 @@ from passerby.monitoring.monitor import monitor, watch_footage
 from passerby.monitoring.site import CamerasOfSite, connect_cameras, neighbours_by_rig, watch_site
 from passerby.monitoring.watched import WatchOptions
 from support.scenes.rooms_for_monitor import rooms, walkers_in_rooms
-from support.scenes.walkers_for_monitor import FPS, calibrated, knocked, true_rig, walkers, write_watched
+from support.scenes.walkers_for_monitor import FPS, calibrated, knocked, write_watched
 
 RIG = rooms()
 GIVEN = calibrated(RIG)
@@ -31,20 +31,15 @@ def watched(knocks=None, given=GIVEN, **kwargs):
     return watch_site(CamerasOfSite.of(given, seen), WatchOptions(), known=True)
 
 
-def test_neighbours_are_the_cameras_of_one_room():
+def test_neighbours_are_the_cameras_of_one_room_and_floor():
     assert {(a // 4, b // 4) for a, b in neighbours_by_rig(RIG, GROUND)} == {(0, 0), (1, 1), (2, 2), (3, 3)}
     assert connect_cameras(neighbours_by_rig(RIG, GROUND), 16) == [list(range(k, k + 4)) for k in (0, 4, 8, 12)]
     saw_somebody = {name: 0.0 for name in RIG.names if name != "C2"}
     assert all(1 not in pair for pair in neighbours_by_rig(RIG, saw_somebody))
-    # No more neighbours for more cameras.
     crowd = Rig(tuple(replace(RIG["C1"], name=f"N{k}") for k in range(60)))
-    assert len(neighbours_by_rig(crowd, dict.fromkeys(crowd.names, 0.0))) <= 12 * 60
-
-
-def test_cameras_above_each_other_on_two_floors_are_no_neighbours():
+    assert len(neighbours_by_rig(crowd, dict.fromkeys(crowd.names, 0.0))) <= 12 * 60, "no more neighbours for more cameras"
     above = [replace(c, name=f"U{c.name}", pose=Pose.from_centre(c.pose.R_cw, c.pose.centre + [0, 0, 4.0])) for c in RIG]
-    both = Rig((*RIG, *above))
-    pairs = neighbours_by_rig(both, GROUND | {camera.name: 4.0 for camera in above})
+    pairs = neighbours_by_rig(Rig((*RIG, *above)), GROUND | {camera.name: 4.0 for camera in above})
     assert pairs
     assert all((a < 16) == (b < 16) for a, b in pairs)
 
@@ -73,10 +68,8 @@ def test_a_turn_before_the_footage_that_no_window_shows_is_found_by_all_of_it():
 
 @pytest.mark.slow
 def test_moves_in_two_rooms_are_found_as_by_each_room_alone():
-    knocks = {
-        "C2": (100.0, knocked(RIG["C2"].pose, (0, 1, 0))),
-        "C16": (70.0, knocked(RIG["C16"].pose, (0.8, 0, 0.6))),
-    }
+    turns = {"C2": (100.0, (0, 1, 0)), "C16": (70.0, (0.8, 0, 0.6))}
+    knocks = {name: (seconds, knocked(RIG[name].pose, turn)) for name, (seconds, turn) in turns.items()}
     found = watched(knocks)
     assert {move.camera for move in found.moves} == set(knocks)
     assert all(move.others == () for move in found.moves)
@@ -101,33 +94,14 @@ def test_two_neighbours_that_moved_are_named_and_the_others_are_not():
 
 
 @pytest.mark.parametrize("people", [0, 1])
-def test_cameras_with_hardly_anybody_say_nothing(people):
+def test_cameras_with_few_or_no_people_say_nothing(people):
     found = watched(seconds=10, people=people)
     assert found.moves == ()
     assert not any(window.clear(camera) for window in found.windows for camera in range(16))
 
 
 @pytest.mark.slow
-def test_a_camera_among_many_in_one_room_is_tested_with_seven():
-    hall = true_rig(14)
-    seen = with_clocks(walkers(hall, 60))
-    jobs = []
-    with ThreadPoolExecutor(1) as executor:
-        submit = executor.submit
-
-        def noted(function, batch, /):
-            jobs.extend(batch)
-            return submit(function, batch)
-
-        executor.submit = noted
-        found = watch_site(CamerasOfSite.of(calibrated(hall), seen), WatchOptions(), known=True, executor=executor)
-    assert sorted(len(job.rig) for job in jobs) == [8] * 14
-    assert [job.camera for job in jobs] == list(hall.names)
-    assert found.moves == ()
-
-
-@pytest.mark.slow
-def test_the_result_does_not_depend_on_who_does_the_work(tmp_path):
+def test_the_result_is_the_same_in_one_thread_and_in_two(tmp_path):
     seen = walkers_in_rooms(RIG, 60, knocks={"C7": (0.0, knocked(RIG["C7"].pose, (0, 3, 0)))})
     rig, scene = write_watched(tmp_path, GIVEN, seen, known=False)
     alone = monitor(read_given(rig), scene).to_dict()
@@ -138,7 +112,7 @@ def test_the_result_does_not_depend_on_who_does_the_work(tmp_path):
 
 
 @pytest.mark.slow
-def test_cameras_without_a_neighbour_can_not_be_told(tmp_path, capsys):
+def test_cameras_without_a_neighbour_cannot_be_tested(tmp_path, capsys):
     far = replace(RIG["C16"], pose=Pose.from_centre(RIG["C16"].pose.R_cw, RIG["C16"].pose.centre + [500.0, 0, 0]))
     apart = replace(GIVEN, cameras=(*GIVEN.cameras[:15], replace(far, sigma=GIVEN["C16"].sigma)))
     paths = write_watched(tmp_path, apart, walkers_in_rooms(RIG, 60))

@@ -119,18 +119,15 @@ def test_a_camera_that_moves_twice():
     assert np.degrees(np.linalg.norm(found.moves[1].shift[3:])) == pytest.approx(2, abs=0.6)
 
 
-def test_with_two_cameras_nobody_can_tell_which():
-    knocks = {"C1": (100.0, knocked(RIG["C1"].pose, (3, 3, 0)))}
-    (move,) = watched(walkers(only(RIG, "C1", "C2"), knocks=knocks), only(GIVEN, "C1", "C2")).moves
+def test_of_two_cameras_either_may_have_moved():
+    """Where no other camera saw their people they have moved within the window."""
+    pair, true = only(GIVEN, "C1", "C2"), only(RIG, "C1", "C2")
+    (move,) = watched(walkers(true, knocks={"C1": (100.0, knocked(RIG["C1"].pose, (3, 3, 0)))}), pair).moves
     assert {move.camera, *move.others} == {"C1", "C2"}
-
-
-@pytest.mark.slow
-def test_the_same_footage_gives_the_same_bits():
-    seen = walkers(RIG, 150, knocks={"C2": (80.0, knocked(RIG["C2"].pose, (0, 2, 0)))})
-    first, again = (watch(GIVEN, gather_sightings(GIVEN, seen)).moves[0] for _ in range(2))
-    assert np.array_equal(first.shift, again.shift)
-    assert np.array_equal(first.covariance, again.covariance)
+    seen = gather_sightings(pair, walkers(true, 120, knocks={"C1": (0.0, knocked(RIG["C1"].pose, (0, 3, 0)))}))
+    run = _ScoreRun(pair, seen, WatchOptions(), GroundPlane(), silent, None)
+    assert [(one.from_s, one.until_s) for one in run._moments([0, 1], 30.0, 90.0)] == [(30.0, 90.0)] * 2
+    assert resect_observations(pair, seen.without(np.array([True, True])), "C1") is None
 
 
 def test_one_cameras_pose_is_found_again_from_far_off():
@@ -167,12 +164,3 @@ def test_derivatives_of_the_equations():
         numeric = -(there.residual - here.residual) / step
         # Linear about the rays: what the residual itself changes by is left out.
         assert np.abs(numeric - by_camera[:, :, k]).max() < 0.15 * np.abs(by_camera[:, :, k]).max() + 1e-6
-
-
-def test_two_cameras_that_moved_and_saw_nobody_else_have_moved_within_the_window():
-    pair = only(GIVEN, "C1", "C2")
-    knocks = {"C1": (0.0, knocked(RIG["C1"].pose, (0, 3, 0)))}
-    seen = gather_sightings(pair, walkers(only(RIG, "C1", "C2"), 120, knocks=knocks))
-    run = _ScoreRun(pair, seen, WatchOptions(), GroundPlane(), silent, None)
-    assert [(one.from_s, one.until_s) for one in run._moments([0, 1], 30.0, 90.0)] == [(30.0, 90.0)] * 2
-    assert resect_observations(pair, seen.without(np.array([True, True])), "C1") is None

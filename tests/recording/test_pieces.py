@@ -16,7 +16,7 @@ from passerby.interchange.video_writer import VideoWriter
 from passerby.perception.sources.files import VideoSource
 from passerby.perception.sources.recording import open_source
 from passerby.recording import pieces as module
-from passerby.recording.pieces import LONGEST, Piece, PieceWriter, WallTime, make_folder
+from passerby.recording.pieces import Piece, PieceWriter, WallTime, make_folder
 from passerby.scene.inputs import read_cameras
 from passerby.scene.scene import Scene
 from passerby.scene.wall_clock import wall_clock_of
@@ -58,6 +58,10 @@ def left_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
+def begins(pieces: list[Piece]) -> list[float]:
+    return [round(piece.begin_s - BEGIN, 3) for piece in pieces]
+
+
 def test_every_packet_is_in_one_piece_and_each_begins_with_a_key_frame(film: Path, tmp_path: Path) -> None:
     pieces = recorded(film, tmp_path)
     assert ([piece.packets for piece in pieces], begins(pieces)) == ([20, 20, 20], [0.0, 2.0, 4.0])
@@ -66,10 +70,6 @@ def test_every_packet_is_in_one_piece_and_each_begins_with_a_key_frame(film: Pat
     for piece in pieces:
         with av.open(str(piece.path)) as container:
             assert next(container.demux(video=0)).is_keyframe
-
-
-def begins(pieces: list[Piece]) -> list[float]:
-    return [round(piece.begin_s - BEGIN, 3) for piece in pieces]
 
 
 def test_a_name_that_is_taken_is_that_of_the_next_thousandth(film: Path, tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_what_comes_before_the_first_key_frame_is_left_out_and_all_of_an_unknown
 def test_without_key_frames_a_piece_ends_at_last(film: Path, tmp_path: Path) -> None:
     """And the next one begins where one comes."""
     pieces = recorded(film, tmp_path, 1.2, changed=lambda number, packet: number in (0, 50) or not packet.is_keyframe)
-    assert (begins(pieces), pieces[0].seconds) == ([0.0, 5.0], pytest.approx(LONGEST * 1.2, abs=1.5 / FPS))
+    assert (begins(pieces), pieces[0].seconds) == ([0.0, 5.0], pytest.approx(3.6, abs=1.5 / FPS))
 
 
 def test_a_clock_that_jumps_back_begins_a_new_piece(film: Path, tmp_path: Path) -> None:
@@ -112,13 +112,13 @@ def failing(error: Exception) -> Callable[..., None]:
 
 
 @pytest.mark.parametrize("where", ["while a piece is written", "when it is to get its name"])
-def test_a_disk_that_is_full_is_told_with_its_remedy(film, tmp_path, monkeypatch, where):
-    """No piece is told of that is not there."""
+def test_a_disk_that_is_full_is_named_with_its_remedy(film, tmp_path, monkeypatch, where):
+    """No piece is named that is not there."""
     full = failing(OSError(errno.ENOSPC, "No space left on device"))
     with monkeypatch.context() as patch:
         patch.setattr(*((PieceWriter, "_mux") if "written" in where else (module.os, "fsync")), full)
-        told = r"\.recording-\d+\.part: cannot be written \(No space left on device\): make room there"
-        with pytest.raises(InputError, match=told):
+        message = r"\.recording-\d+\.part: cannot be written \(No space left on device\): make room there"
+        with pytest.raises(InputError, match=message):
             recorded(film, tmp_path)
     assert all(name.startswith(".recording-") for name in left_in(tmp_path))
     make_folder(tmp_path)  # as the next recording does
@@ -133,7 +133,7 @@ def test_what_no_file_can_hold_is_a_fault_of_the_camera(film: Path, tmp_path: Pa
     assert left_in(tmp_path) == []
 
 
-def test_a_folder_that_cannot_be_made_is_told_and_what_is_not_ours_stays(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_named_and_what_is_not_ours_stays(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="file: cannot be written"):
         make_folder(tmp_path / "file")
@@ -144,21 +144,18 @@ def test_a_folder_that_cannot_be_made_is_told_and_what_is_not_ours_stays(tmp_pat
     assert left_in(tmp_path / "a") == [".recording.part", "20260304T050607.250Z.mkv", "notes.txt"]
 
 
-AUTUMN_S = datetime(2026, 11, 1, 5, 59, 57, 250_000, tzinfo=UTC).timestamp()
-"""Half an hour before clocks in New York are set back, and their 1:59 comes twice."""
-AUTUMN = WallTime(AUTUMN_S, "sender")
-
-
 @pytest.mark.parametrize("zone", ["UTC", "America/New_York", "Pacific/Auckland"])
 def test_names_are_read_back_as_utc(film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, zone: str) -> None:
+    """In New York clocks are set back half an hour later, and their 1:59 comes twice."""
+    autumn_s = datetime(2026, 11, 1, 5, 59, 57, 250_000, tzinfo=UTC).timestamp()
     monkeypatch.setenv("TZ", zone)
     time.tzset()
     try:
-        pieces, _ = (recorded(film, tmp_path / name, wall=AUTUMN) for name in "ab")
+        pieces, _ = (recorded(film, tmp_path / name, wall=WallTime(autumn_s, "sender")) for name in "ab")
         names = [piece.path.name for piece in pieces]
         assert names == [f"20261101T{second}.250Z.mkv" for second in ("055957", "055959", "060001")]
         wall = open_source(VideoSource((tmp_path / "a",)), "a").info.wall
-        assert (wall.utc, wall.seconds) == (True, pytest.approx(AUTUMN_S, abs=1e-3))
+        assert (wall.utc, wall.seconds) == (True, pytest.approx(autumn_s, abs=1e-3))
         cameras = "".join(f'[cameras.{name}]\nvideo = "{name}"\nhfov_deg = 60\n' for name in "ab")
         (tmp_path / "scene.toml").write_text(f'[scene]\nfrom = "2026-11-01 01:59:59-04:00"\n{cameras}')
         scene = Scene.load(tmp_path / "scene.toml")

@@ -1,4 +1,4 @@
-"""Scenes whose videos are streams: recorded first, once, and without an address in anything that is written."""
+"""Files of cameras and scenes whose videos are streams: read, and recorded once, without an address in anything written."""
 
 import json
 import shutil
@@ -68,7 +68,7 @@ def assert_kept_secret(folder, *texts):
         assert not any(secret in text for text in (*texts, *written))
 
 
-def nobody_records(monkeypatch):
+def forbid_recording(monkeypatch):
     def record(*_, **__):
         raise AssertionError("nothing is to be recorded")
 
@@ -82,29 +82,24 @@ def test_streams_become_folders_of_a_recording(folder, filmed):
     found = make_recorded_scene(streamed, recorded(folder / "out" / "recording", filmed))
     assert [str(table.video) for table in found.cameras.values()] == ["out/recording/C1", "out/recording/C2"]
     assert not any(secret in repr(streamed) + found.model_dump_json() for secret in SECRETS)
-
-
-def test_other_scenes_are_none_of_them(folder):
+    # Variables of a file of secrets, and another folder.
+    (folder / "secrets.env").write_text("WHO=walter\nWORD=hunter2\n")
+    path = scene(folder, "rtsp://${WHO}:${WORD}@10.0.0.12/", f'{RECORDING}secrets = "secrets.env"\nfolder = "kept"\n')
+    streamed = read_streamed(path, {})
+    assert streamed.streams[0].address == "rtsp://walter:hunter2@10.0.0.12/"
+    assert streamed.folder_for(folder / "out") == folder / "kept"
+    # Scenes of files; one says how long to record all the same.
     assert read_streamed(scene(folder, "C1.mp4", "")) is None
     assert read_streamed(folder / "missing.toml") is None
-    # One that says how long to record, but names files and no stream.
     path = scene(folder, "C1.mp4")
     assert [stream.camera for stream in read_streamed(path).streams] == ["C2"]
     path.write_text(path.read_text().replace('"/dev/video0"', '["a.mp4", "b.mp4"]'))
     assert read_streamed(path) is None
 
 
-def test_variables_of_a_file_of_secrets(folder):
-    (folder / "secrets.env").write_text("WHO=walter\nWORD=hunter2\n")
-    path = scene(folder, "rtsp://${WHO}:${WORD}@10.0.0.12/", f'{RECORDING}secrets = "secrets.env"\nfolder = "kept"\n')
-    streamed = read_streamed(path, {})
-    assert streamed.streams[0].address == "rtsp://walter:hunter2@10.0.0.12/"
-    assert streamed.folder_for(folder / "out") == folder / "kept"
-
-
 @pytest.mark.parametrize("command", ["check", "calibrate"])
 @pytest.mark.parametrize(
-    ("video", "extra", "told"),
+    ("video", "extra", "message"),
     [
         (ADDRESS, "", "or add [recording] seconds = 600: then `passerby calibrate` records it first"),
         (ADDRESS, "[recording]\nfolder = 'x'\n", "[recording]"),
@@ -116,17 +111,17 @@ def test_variables_of_a_file_of_secrets(folder):
         (ADDRESS, f"{RECORDING}[solver]\nmethod = 'guess'\n", "[solver] method"),
     ],
 )
-def test_what_is_wrong_is_one_error_without_a_password(folder, capsys, monkeypatch, command, video, extra, told):
-    nobody_records(monkeypatch)
+def test_what_is_wrong_is_one_error_without_a_password(folder, capsys, monkeypatch, command, video, extra, message):
+    forbid_recording(monkeypatch)
     path = scene(folder, video, extra)
     assert run([command, str(path), *(["-o", str(folder / "out")] if command == "calibrate" else [])]) == 2
     said = capsys.readouterr()
-    assert told in said.err
+    assert message in said.err
     assert_kept_secret(folder, said.out, said.err)
 
 
 def test_a_check_says_what_would_be_recorded_and_finds_other_faults(folder, capsys, monkeypatch):
-    nobody_records(monkeypatch)
+    forbid_recording(monkeypatch)
     assert run(["check", "--json", str(scene(folder))]) == 0
     said = capsys.readouterr()
     found = json.loads(said.out)
@@ -185,24 +180,22 @@ def test_a_recording_that_was_stopped_is_kept_and_not_calibrated(folder, capsys,
     assert not list((folder / "out").rglob(RECORDING_FILE))
 
 
-def test_a_recording_of_other_cameras(folder, filmed):
+def test_a_recording_of_other_cameras_is_refused(folder, filmed):
     streamed = read_streamed(scene(folder))
     place = recorded(folder / "out" / "recording", filmed, ("C1",))
-
-    def refused(told):
-        with pytest.raises(InputError, match=told):
+    for rows, message in (
+        ({"C1": [{"file": "x"}]}, "a recording without camera C2 is there: to record anew, remove"),
+        ({"C1": [1], "C2": []}, "nothing was recorded of camera C2"),
+        (None, "is not the list of a recording"),
+    ):
+        listed(place, rows) if rows else (place / RECORDING_FILE).write_text("[]")
+        with pytest.raises(InputError, match=message):
             make_recorded_scene(streamed, place)
-
-    refused("a recording without camera C2 is there: to record anew, remove")
-    listed(place, {"C1": [1], "C2": []})
-    refused("nothing was recorded of camera C2")
-    (place / RECORDING_FILE).write_text("[]")
-    refused("is not the list of a recording")
 
 
 def test_functions_and_monitor_refuse_streams_in_one_line(folder, capsys, monkeypatch):
     """Only the commands that calibrate and check know what to do with them."""
-    nobody_records(monkeypatch)
+    forbid_recording(monkeypatch)
     path = scene(folder)
     said = "[recording] seconds counts only for the commands `passerby calibrate` and `passerby check`"
     for function in (passerby.calibrate, partial(passerby.monitor, folder / "rig.toml"), Scene.load):
@@ -218,7 +211,7 @@ def test_functions_and_monitor_refuse_streams_in_one_line(folder, capsys, monkey
     assert_kept_secret(folder, told)
 
 
-def test_who_does_not_answer_is_named_with_what_the_scene_file_allows(folder, monkeypatch):
+def test_a_camera_that_does_not_answer_is_named_with_what_the_scene_file_allows(folder, monkeypatch):
     def impatient(streams, place, options, *others):
         return record(streams, place, replace(options, timeout_s=1.0), *others)
 

@@ -61,19 +61,20 @@ def release(request, tmp_path):
     return copied(request.param, tmp_path)
 
 
-def test_the_latest_release_has_all_kinds():
+def each(files):
+    return pytest.mark.parametrize(("path", "name"), files, ids=lambda value: value if isinstance(value, str) else value.name)
+
+
+def test_the_latest_release_has_all_kinds_and_all_that_the_documentation_names():
     stored = json.loads((RELEASES[-1] / "expected.json").read_text())
     assert stored.keys() == KINDS.keys()
     assert all(stored.values())
-
-
-def test_all_that_the_documentation_names_is_there():
     section = (DOCS / "output.md").read_text().split("## Files of other versions")[1].split("\n## ")[0]
     rows = [line.split("|")[1].strip() for line in section.splitlines() if line.startswith("|")][2:]
     assert sorted(rows) == sorted([*(kind.documented for kind in KINDS.values()), "`checkpoint.pt`"])
 
 
-@pytest.mark.parametrize(("path", "name"), FILES, ids=lambda value: value if isinstance(value, str) else value.name)
+@each(FILES)
 def test_every_file_is_read_as_it_was(path, name, tmp_path):
     stored = json.loads((path / "expected.json").read_text())[name]
     folder, kind = copied(path, tmp_path), KINDS[name]
@@ -83,7 +84,7 @@ def test_every_file_is_read_as_it_was(path, name, tmp_path):
         assert within(values, found), f"{file}: {found}"
 
 
-@pytest.mark.parametrize(("path", "name"), WITH_VERSIONS, ids=lambda value: value if isinstance(value, str) else value.name)
+@each(WITH_VERSIONS)
 def test_without_a_version_it_is_read_all_the_same(path, name, tmp_path):
     release, kind = copied(path, tmp_path), STATED[name]
     line = re.escape(kind.version.split("\n")[-1]).replace(re.escape("{}"), r"\d+") + ",?\n"
@@ -96,7 +97,7 @@ def test_without_a_version_it_is_read_all_the_same(path, name, tmp_path):
     assert found, "it was stated"
 
 
-@pytest.mark.parametrize(("path", "name"), WITH_VERSIONS, ids=lambda value: value if isinstance(value, str) else value.name)
+@each(WITH_VERSIONS)
 def test_of_a_later_version_it_is_one_clear_error(path, name, tmp_path, capsys):
     release, kind = copied(path, tmp_path), STATED[name]
     assert kind.command is not None
@@ -123,24 +124,16 @@ def test_lenses_of_a_later_version(release, capsys):
     assert "intrinsics.toml: [metadata] format_version is 2, of a later Passerby" in "".join(capsys.readouterr())
 
 
-class Notes:
-    """What is told while a run is under way."""
-
-    def __init__(self):
-        self.again = []
-
-    def __call__(self, stage, done=0, total=0, *, part=""):
-        pass
-
-    def note(self, text):
-        self.again += [text] if "made again" in text else []
-
-
 def calibrated(scene, out):
     """Whether a run in this process had something to make again, as it says."""
-    notes = Notes()
-    passerby.calibrate(scene, progress=notes, keep=out)
-    return bool(notes.again)
+    again = []
+
+    def progress(stage, done=0, total=0, *, part=""):
+        pass
+
+    progress.note = lambda text: again.append("made again" in text)
+    passerby.calibrate(scene, progress=progress, keep=out)
+    return any(again)
 
 
 OF_OTHERS = {
