@@ -69,19 +69,14 @@ def test_the_list_of_commands_cuts_no_sentence(capsys: pytest.CaptureFixture[str
     assert "...\n" not in shown.partition("Commands:")[2]
 
 
-def test_findings_reach_a_terminal_whole(wide_terminal: io.StringIO) -> None:
+def test_findings_and_tables_reach_a_terminal_whole(wide_terminal: io.StringIO) -> None:
     with stages() as tell:
         tell("checking", 1, 2, part=AWKWARD)
         for row in EXAMPLES:
             tell_note(tell, row["text"])
         tell_note(tell, AWKWARD)
+    show_table(f"title {AWKWARD}", (f"column {AWKWARD}", "second"), [(f"cell {AWKWARD}", AWKWARD)])
     shown = wide_terminal.getvalue()
     for text in [*(row["text"] for row in EXAMPLES), AWKWARD]:
         assert [part for part in bracketed(text) if part not in shown] == []
-    assert f"checking {AWKWARD}" in shown
-
-
-def test_a_table_shows_its_text_whole(wide_terminal: io.StringIO) -> None:
-    show_table(f"title {AWKWARD}", (f"column {AWKWARD}", "second"), [(f"cell {AWKWARD}", AWKWARD)])
-    shown = wide_terminal.getvalue()
-    assert all(f"{name} {AWKWARD}" in shown for name in ("title", "column", "cell"))
+    assert all(f"{name} {AWKWARD}" in shown for name in ("checking", "title", "column", "cell"))

@@ -1,4 +1,4 @@
-"""The command line: what it prints, and that it says what the library says."""
+"""The command line: what it prints, that it says what the library says, and lengths and times as options."""
 
 import inspect
 import json
@@ -10,8 +10,11 @@ from dataclasses import fields
 import pytest
 
 from passerby import __version__
+from passerby.calibration.effort import Effort
 from passerby.cli import main as cli
-from passerby.cli.main import run
+from passerby.cli.main import _effort_of, run
+from passerby.cli.quantities import parse_length, parse_seconds
+from passerby.common.errors import InputError
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.simulation import SimulationOptions
 
@@ -77,16 +80,35 @@ def test_simulate_a_site(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [
-        (["--video"], "--video"),
-        (["--keypoints", "--groups", "4,4"], "--groups, --keypoints"),
-        (["--clock-offsets", "1,2"], "give --clock-offsets one number"),
-    ],
-)
+    [(["--video"], "--video"), (["--keypoints", "--groups", "4,4"], "--groups, --keypoints"),
+     (["--clock-offsets", "1,2"], "give --clock-offsets one number")],
+)  # fmt: skip
 def test_options_that_no_site_has_are_one_clear_error(tmp_path, capsys, arguments, said):
     assert run(["simulate", "-o", str(tmp_path / "site"), "--preset", "airport", *arguments]) == 2
-    error = capsys.readouterr().err
+    (error,) = capsys.readouterr().err.splitlines()
     assert error.startswith("error: preset 'airport' is a site of many cameras")
     assert said in error
-    assert error.count("\n") == 1
     assert not (tmp_path / "site").exists()
+
+
+def test_lengths_and_times_are_read_with_their_units():
+    for read, text, value in (
+        (parse_length, "12 mm", 0.012), (parse_length, ".5m", 0.5), (parse_length, "5cm", 0.05), (parse_seconds, "90s", 90.0),
+        (parse_seconds, "2min", 120.0), (parse_seconds, "1.5h", 5400.0),
+    ):  # fmt: skip
+        assert read(text, "--target") == pytest.approx(value)
+    for text in ("5", "0cm", "-1cm", "5 km", "nan m", ""):
+        with pytest.raises(InputError, match=r"--target .*give a length above 0, such as 5cm"):
+            parse_length(text, "--target")
+
+
+def test_options_say_how_much_is_wanted(tmp_path, capsys):
+    for target, budget, everything, effort in (
+        (None, None, False, Effort()), ("2cm", "3min", False, Effort(0.02, 180.0)),
+        (None, "3min", False, Effort(budget_s=180.0)), (None, None, True, Effort(None)),
+    ):  # fmt: skip
+        assert _effort_of(target, budget, everything=everything) == effort
+    for options in (["--target", "2cm"], ["--budget", "2min"]):
+        assert run(["calibrate", str(tmp_path / "scene.toml"), "--all", *options]) == 2
+        said = "--all watches all of the videos: leave out --target and --budget, or --all"
+        assert said in capsys.readouterr().err

@@ -23,19 +23,18 @@ from support.scenes.puppet_videos import film, puppets
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 @pytest.mark.parametrize("arguments", [["formats"], ["--version"]])
-def test_output_that_takes_no_more_is_no_bug(arguments):
+def test_output_that_takes_no_more_is_one_line_of_error(arguments):
+    command = [sys.executable, "-m", "passerby", *arguments]
     with Path("/dev/full").open("w") as full:
-        ended = subprocess.run(
-            [sys.executable, "-m", "passerby", *arguments], stdout=full, stderr=subprocess.PIPE, text=True, check=False
-        )
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert ended.returncode == 2
-    assert ended.stderr.startswith("error: standard output or a temporary file: cannot be written or read (No space left")
-    assert ended.stderr.count("\n") == 1
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith("error: standard output or a temporary file: cannot be written or read (No space left")
 
 
 @pytest.fixture
 def read_only(tmp_path):
-    """A folder that nobody may write, root neither."""
+    """A folder that no user may write, root neither."""
     folder = tmp_path / "read_only"
     folder.mkdir()
     (folder / "mine").write_text("mine")
@@ -54,17 +53,15 @@ def read_only(tmp_path):
     subprocess.run(["umount", "-l", str(folder)], check=False)
 
 
-def test_a_folder_that_may_not_be_written_is_told_before_anything_is_computed(read_only, tmp_path, capsys, monkeypatch):
+def test_a_folder_that_may_not_be_written_is_an_error_before_anything_is_computed(read_only, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("passerby.calibration.calibrate.calibrate", None)
     scene = write_scene(tmp_path)
-    commands = (["calibrate", str(scene), "-o", str(read_only)], ["simulate", "-o", str(read_only / "in"), "--seconds", "2"],
-                ["report", str(read_only)])  # fmt: skip
-    for command in commands:
+    for command in (["calibrate", str(scene), "-o", str(read_only)], ["report", str(read_only)],
+                    ["simulate", "-o", str(read_only / "in"), "--seconds", "2"]):  # fmt: skip
         assert run(command) == 2
-        errors = capsys.readouterr().err
-        assert errors.startswith(f"error: {read_only}")
-        assert "cannot be written" in errors
-        assert errors.count("\n") == 1
+        (error,) = capsys.readouterr().err.splitlines()
+        assert error.startswith(f"error: {read_only}")
+        assert "cannot be written" in error
     assert [path.name for path in read_only.iterdir()] == ["mine"]
 
 
@@ -96,7 +93,7 @@ def video(tmp_path_factory):
         (lambda path: path.write_bytes(path.read_bytes() + bytes(1000)), "has grown while it was processed: .* has ended$"),
     ],
 )
-def test_a_video_that_changes_while_it_is_watched_is_told(video, tmp_path, monkeypatch, change, said):
+def test_a_video_that_changes_while_it_is_watched_is_an_error(video, tmp_path, monkeypatch, change, said):
     copy = tmp_path / video.name
     shutil.copy2(video, copy)
     monkeypatch.setattr(watching, "SEGMENT", 4)
@@ -134,7 +131,7 @@ def test_a_clock_that_jumps_changes_nothing(tmp_path):
 
 
 def test_interrupted_json_is_never_half_of_it(tmp_path):
-    """What is told of a calibration that was cut off is an error that names the file, not a crash."""
+    """Reading a calibration that was cut off is an error, not a crash."""
     text = json.dumps({"verdict": "accepted", "reasons": [], "cameras": []})
     for length in range(0, len(text), 7):
         (tmp_path / "calibration.json").write_text(text[:length])
@@ -177,10 +174,8 @@ def test_a_full_disk_is_one_line_with_the_file_and_leaves_nothing(calibrated_fol
     assert "File too large" in last
     assert len(last) < 300
     assert sorted(path.name for path in calibrated_folder.iterdir()) == ["out", "scene"]
-    assert sorted(path.name for path in (calibrated_folder / "out").iterdir()) == OUT
-
-
-OUT = ["calibration.json", "report.html", "rig.toml", "tracks"]
+    left = sorted(path.name for path in (calibrated_folder / "out").iterdir())
+    assert left == ["calibration.json", "report.html", "rig.toml", "tracks"]
 
 
 @pytest.fixture(scope="module")

@@ -107,7 +107,7 @@ def test_an_option_makes_again_what_depends_on_it(scene, whole, tmp_path, change
 
 
 def test_two_runs_in_one_folder(scene, whole, tmp_path):
-    """Whoever comes second is told so at once, and harms nobody."""
+    """The second is refused at once, and changes nothing."""
     plain = scene.parent / "plain.toml"
     plain.write_text(scene.read_text().replace("stripes", "none"))
     out, gate = tmp_path / "out", tmp_path / "gate"

@@ -66,7 +66,7 @@ def test_clocks_are_shown_where_they_were_searched_for_and_a_camera_has_a_pose(c
     assert "offset" not in shown(capsys, calibration('mode = "given"'))
 
 
-def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
+def test_pairs_and_reasons_are_shown_on_request(calibration, capsys):
     assert "second-best" not in shown(capsys, calibration())
     table = [" ".join(line.split()) for line in shown(capsys, calibration(), verbose=True).splitlines()]
     start = table.index("pairs of cameras")
@@ -75,9 +75,6 @@ def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
         "A + B tracks 91.2 0.89 0.00 120 -1.40 yes",
         "A + B appearance - - - - - yes",
     ]
-
-
-def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
     found = calibration(lost=True)
     why, lost = notice("nobody_seen_whole", "B"), doubt("camera_without_pose", "B", why=None)
     association = replace(found.association, lost={"B": why})
@@ -86,18 +83,18 @@ def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
     assert {f"B: {text_of(why)}", f"doubtful: {text_of(lost)}"} <= set(shown(capsys, found, verbose=True).splitlines())
 
 
-@pytest.mark.parametrize(("within_mm", "told"), [(2.0, True), (8.0, False)])
-def test_what_a_measured_length_would_mend(calibration, capsys, within_mm, told):
+def test_the_scale_is_shown_with_its_cues_and_what_a_measured_length_would_mend(calibration, capsys):
     usual = {"stated_m": 1.7, "measured_m": 1.7, "sd_m": 0.1, "residual_sigmas": 0.0}
     crowd = CueFigures(cue="population of 3", kind="population", count=3, share=0.9, **usual)
     scale = ScaleFigures(relative_sigma=0.047, cues=(crowd, CueFigures(cue="height of A", share=0.1, **usual)))
-    cameras = tuple(SolvedCamera(name=name, shape_position_sigma_mm=mm) for name, mm in (("A", 1.0), ("B", within_mm)))
-    said = shown(capsys, replace(calibration(), figures=AdjustedFigures(scale=scale, cameras=cameras)))
-    assert "scale known to 4.7 %, from heights of 3 people (90 %), height of A (10 %)" in said
-    assert ("relative positions are known to 2 mm" in said) is told
+    for within_mm, mends in ((2.0, True), (8.0, False)):
+        cameras = tuple(SolvedCamera(name=name, shape_position_sigma_mm=mm) for name, mm in (("A", 1.0), ("B", within_mm)))
+        said = shown(capsys, replace(calibration(), figures=AdjustedFigures(scale=scale, cameras=cameras)))
+        assert "scale known to 4.7 %, from heights of 3 people (90 %), height of A (10 %)" in said
+        assert ("relative positions are known to 2 mm" in said) is mends
 
 
-def test_each_cue_says_its_own_scale_to_those_who_want_to_know_more(calibration, capsys):
+def test_the_scale_by_each_cue_is_shown_on_request(calibration, capsys):
     first = CueFigures(
         cue="length 1", kind="length", stated_m=3.6, measured_m=3.5, sd_m=0.02, residual_sigmas=-5.0, share=0.9,
         own_scale=1.031, own_sigma=0.008, disagrees_with=("height of camera A",),
@@ -134,16 +131,13 @@ def test_lenses_that_were_estimated_are_shown(calibration, capsys):
     assert "intrinsics estimated" not in shown(capsys, found)
 
 
-def test_stages_are_lines_for_those_who_want_them_where_there_is_no_terminal(capsys):
+def test_stages_are_lines_on_request_and_a_bar_on_a_terminal(monkeypatch, capsys):
     for verbose, told in ((False, ""), (True, "reading\npairs of cameras: 21\n")):
         with stages(verbose) as tell:
             tell("reading")
             for done in range(22):
                 tell("pairs of cameras", done, 21)
         assert capsys.readouterr().err == told
-
-
-def test_stages_are_a_bar_on_a_terminal(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "100")
     with stages() as tell:
@@ -155,7 +149,7 @@ def test_stages_are_a_bar_on_a_terminal(monkeypatch, capsys):
     assert "0 of 21" in shown
 
 
-def test_a_long_run_tells_now_and_then_how_far_it_is_where_there_is_no_terminal(monkeypatch, capsys):
+def test_a_long_run_logs_how_far_it_is_and_how_long_is_left(monkeypatch, capsys):
     monkeypatch.setattr(time, "time", lambda: pytest.fail("the clock of the day, which jumps"))
     now = [0.0]
     log = _Log(lambda: now[0])
@@ -175,11 +169,8 @@ def test_a_long_run_tells_now_and_then_how_far_it_is_where_there_is_no_terminal(
         "watching: 181 of 240 (75 %), about 30 s left",
         "solving",
     ]
-
-
-def test_a_slow_run_has_minutes_left(capsys):
-    now = iter([0.0, 31.0, 62.0])
-    log = _Log(lambda: next(now))
+    slow = iter([0.0, 31.0, 62.0])
+    log = _Log(lambda: next(slow))
     for done in (10, 20):
         log("watching", done, 100)
     assert capsys.readouterr().err.splitlines()[-1] == "watching: 20 of 100 (20 %), about 4 min left"
@@ -203,9 +194,7 @@ def test_a_program_reads_how_far_a_run_is(capsys):
     assert [event["done"] for event in events if "done" in event] == [0, 2, 3, 5]
     assert events[4] == {"stage": "watching", "part": "Nord\u00fc", "done": 2, "total": 5, "seconds": 0.3}
     assert [event["text"] for event in events if "text" in event] == ["camera C1 saw nobody", "no network"]
-
-
-def test_only_a_stage_that_is_done_ends(capsys):
+    # Only a stage that is done ends.
     with pytest.raises(KeyboardInterrupt), stages(form=ProgressForm.json) as tell:  # noqa: PT012
         tell("reading")
         tell("solving")

@@ -1,4 +1,4 @@
-"""A calibration on a Dask cluster: the same bytes as on one machine, whoever dies, and one line for what is wrong."""
+"""A calibration on a Dask cluster: the same bytes as on one machine, whichever process dies, and one line for each error."""
 
 import gc
 import os
@@ -14,7 +14,7 @@ import pytest
 
 from passerby.cli.main import run
 from passerby.common import parallel
-from passerby.common.cluster import OTHER_VERSION, cluster_workers
+from passerby.common.cluster import cluster_workers
 from passerby.common.errors import InputError
 from sites import loopback
 
@@ -121,15 +121,6 @@ def test_a_scheduler_that_dies_is_one_line(scheduler, workers, site, tmp_path, c
     assert not (tmp_path / "out" / "rig.toml").exists()
 
 
-def test_a_worker_that_does_not_see_a_file(scheduler, workers, tmp_path):
-    missing = tmp_path / "north.mp4"
-    with pytest.raises(InputError) as caught, cluster_workers(scheduler[0], tmp_path / "out", [missing]):
-        pass
-    lines = str(caught.value).splitlines()
-    assert len(lines) == len(workers)
-    assert all(f"does not see {missing}: put it on storage that all machines share" in line for line in lines)
-
-
 def test_no_workers_and_no_scheduler(scheduler, tmp_path):
     from distributed import Client
 
@@ -143,58 +134,56 @@ def test_no_workers_and_no_scheduler(scheduler, tmp_path):
     assert not left, "the end of each, by the collector, would stop a thread for 30 s"
 
 
-def test_a_worker_of_another_version(scheduler, workers, tmp_path, monkeypatch):
-    """Every worker is asked for its versions before anything is given to it."""
-    monkeypatch.setattr("passerby.common.cluster.__version__", "9.9.9")
-    said = r"has passerby .*, here is 9\.9\.9: install the same version"
-    with pytest.raises(InputError, match=said), cluster_workers(scheduler[0], tmp_path):
-        pass
-    assert "{worker}" in OTHER_VERSION
-
-
-def test_a_scheduler_of_another_version(scheduler, workers, tmp_path, monkeypatch):
-    monkeypatch.setattr("passerby.common.cluster._dask", lambda: "2020.1.0")
-    said = rf"--scheduler {scheduler[0]}: has distributed \(Dask\) 20.*, here is 2020\.1\.0: install the same version"
-    with pytest.raises(InputError, match=said), cluster_workers(scheduler[0], tmp_path):
-        pass
-
-
-def test_a_worker_of_another_version_that_came_later(scheduler, workers, tmp_path, monkeypatch):
+def test_workers_and_a_scheduler_of_another_version(scheduler, workers, tmp_path, monkeypatch):
+    """Every worker is asked for its versions before anything is given to it, and one that came later too."""
+    same = "install the same version"
+    for changed, value, said in (
+        ("passerby.common.cluster.__version__", "9.9.9", rf"has passerby .*, here is 9\.9\.9: {same}"),
+        ("passerby.common.cluster._dask", lambda: "2020.1.0",
+         rf"--scheduler {scheduler[0]}: has distributed \(Dask\) 20.*, here is 2020\.1\.0: {same}"),
+    ):  # fmt: skip
+        with monkeypatch.context() as patch:
+            patch.setattr(changed, value)
+            with pytest.raises(InputError, match=said), cluster_workers(scheduler[0], tmp_path):
+                pass
     with cluster_workers(scheduler[0], tmp_path) as executor:
         monkeypatch.setattr(executor, "_versions", {**executor._versions, "scipy": "9.9.9"})
-        with pytest.raises(InputError, match=r"has scipy .*, here is 9\.9\.9: install the same version on all machines"):
+        with pytest.raises(InputError, match=rf"has scipy .*, here is 9\.9\.9: {same} on all machines"):
             executor.submit(os.getcwd).result()
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_a_worker_whose_own_disk_is_full_is_named(scheduler, workers, tmp_path):
+def test_jobs_run_in_the_folder_they_were_given_in_and_a_worker_whose_own_disk_is_full_is_named(
+    scheduler, workers, tmp_path, monkeypatch
+):
     def full_disk():  # within: a worker cannot import this module
         with open("/dev/full", "wb", buffering=0) as file:
             file.write(b"0")
 
-    with cluster_workers(scheduler[0], tmp_path) as executor:
+    monkeypatch.chdir(tmp_path)
+    with cluster_workers(scheduler[0], tmp_path / "out") as executor:
+        assert executor.submit(os.getcwd).result() == str(tmp_path)
+        assert list((tmp_path / "out").iterdir()) == []
         said = r": a temporary file: cannot be written or read \(No space left on device\): make room on that machine"
         with pytest.raises(InputError, match=said):
             executor.submit(full_disk).result()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit of a file's size of another process is Linux's")
-def test_a_worker_that_cannot_write_into_the_shared_folder(scheduler, workers, tmp_path):
+def test_workers_that_do_not_see_a_file_or_cannot_write_into_the_shared_folder_are_named(scheduler, workers, tmp_path):
     video = tmp_path / "north.mp4"
+
+    def assert_each_says(text):
+        with pytest.raises(InputError) as caught, cluster_workers(scheduler[0], tmp_path / "out", [video]):
+            pass
+        lines = str(caught.value).splitlines()
+        assert len(lines) == len(workers)
+        assert all(text in line for line in lines)
+
+    assert_each_says(f"does not see {video}: put it on storage that all machines share")
     video.write_bytes(b"")
     for nanny in workers:
         for one in psutil.Process(nanny.pid).children(recursive=True):
             one.rlimit(psutil.RLIMIT_FSIZE, (0, 0))
-    with pytest.raises(InputError) as caught, cluster_workers(scheduler[0], tmp_path / "out", [video]):
-        pass
-    lines = str(caught.value).splitlines()
-    assert len(lines) == len(workers)
-    assert all(f"cannot write into {tmp_path / 'out'} (File too large): make room there" in line for line in lines)
+    assert_each_says(f"cannot write into {tmp_path / 'out'} (File too large): make room there")
     assert not list((tmp_path / "out").iterdir())
-
-
-def test_jobs_run_in_the_folder_they_were_given_in(scheduler, workers, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with cluster_workers(scheduler[0], tmp_path / "out") as executor:
-        assert executor.submit(os.getcwd).result() == str(tmp_path)
-    assert list(Path(tmp_path / "out").iterdir()) == []

@@ -1,4 +1,4 @@
-"""Work side by side: the same results, in the same order, told as they come."""
+"""Work side by side: the same results, in the same order, announced as they come, and used again for jobs that are the same."""
 
 import multiprocessing
 import multiprocessing.synchronize
@@ -17,7 +17,8 @@ import pytest
 from passerby.association.camera_tracklets import build_tracklets
 from passerby.common import parallel
 from passerby.common.errors import InputError
-from passerby.common.parallel import open_local_processes, pays, side_by_side, worthwhile
+from passerby.common.parallel import EarlierResults, open_local_processes, pays, side_by_side
+from passerby.common.progress import silent
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock
 from passerby.simulation import SimulationOptions, simulate
@@ -71,9 +72,6 @@ def test_processes_pay_where_there_is_much_to_do_and_more_than_one():
     assert not pays(10**9, 7, 1)
     assert pays(2_000_000, 7, 2), "seven cameras for some minutes"
     assert pays(100_000, 20, 2), "many pairs"
-
-
-def test_no_processes_where_they_would_not_pay():
     with open_local_processes(1000, 4) as executor:
         assert executor is None
 
@@ -116,38 +114,14 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
         np.testing.assert_array_equal(one.tracks.position, other.tracks.position)
 
 
-@pytest.mark.slow
-def test_processes_that_were_kept_for_videos_alone_do_not_begin(monkeypatch):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
-    before = set(multiprocessing.active_children())
-    with open_local_processes(1000, 4, n_videos=4) as executor:
-        assert executor is not None
-        assert worthwhile(executor, 1000, 4) is None
-        assert worthwhile(executor, 1000, 40) is executor, "many pairs"
-        assert set(multiprocessing.active_children()) == before
-        executor.submit(squared, 2).result()
-        assert worthwhile(executor, 1000, 4) is executor, "they have begun"
-    mine = ThreadPoolExecutor(1)
-    assert worthwhile(mine, 1000, 4) is mine
-    assert worthwhile(None, 1000, 4) is None
-
-
-def test_a_process_that_is_killed_from_outside_is_told(monkeypatch):
-    monkeypatch.setattr(parallel, "pays", lambda *measure: True)
-    with (
-        pytest.raises(InputError, match="was killed by the system, usually because memory ran out: close other programs"),
-        open_local_processes(0, 4) as executor,
-    ):
-        executor.submit(os._exit, 9).result()
-
-
-def test_a_pool_that_breaks_reports_nothing_else(monkeypatch):
+def test_a_killed_process_is_one_error_and_nothing_else_is_reported(monkeypatch):
     """However slowly its thread tells job after job of the process that died, while this thread already gives up."""
     monkeypatch.setattr(parallel, "pays", lambda *measure: True)
     usual, before, unhandled = Future.set_exception, set(threading.enumerate()), []
     monkeypatch.setattr(Future, "set_exception", lambda *given: (usual(*given), time.sleep(0.1)))
     monkeypatch.setattr(threading, "excepthook", unhandled.append)
-    with pytest.raises(InputError, match="was killed by the system"), open_local_processes(0, 4) as executor:
+    killed = "was killed by the system, usually because memory ran out: close other programs"
+    with pytest.raises(InputError, match=killed), open_local_processes(0, 4) as executor:
         side_by_side(os._exit, [9] * 4, executor, lambda *part: None, "jobs")
     for thread in set(threading.enumerate()) - before:
         thread.join(60)  # one that failed may leave another behind that waits for ever
@@ -223,3 +197,18 @@ except KeyboardInterrupt:
 def test_an_interrupted_pool_leaves_no_process_behind():
     ended = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=1200, check=False)
     assert ended.stdout.strip() == "alive: 0", ended.stderr
+
+
+def test_only_jobs_that_are_new_or_changed_are_done():
+    done: list[int] = []
+
+    def double(job: int) -> int:
+        done.append(job)
+        return 2 * job
+
+    earlier: EarlierResults[int, int] = EarlierResults(lambda a, b: a == b)
+    assert earlier.side_by_side(double, [1, 2, 3], "abc", None, silent, "doubling") == [2, 4, 6]
+    assert earlier.side_by_side(double, [3, 1, 5], "cab", None, silent, "doubling") == [6, 2, 10]
+    assert done == [1, 2, 3, 5]
+    assert earlier.side_by_side(double, [2], "b", None, silent, "doubling") == [4]
+    assert done == [1, 2, 3, 5, 2]

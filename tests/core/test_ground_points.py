@@ -36,29 +36,35 @@ def on_ground(count: int = 40, seed: int = 1) -> np.ndarray:
 
 
 @pytest.mark.parametrize("lens", [BENT, FISHEYE])
-def test_ground_and_projection_are_inverse(lens: Lens) -> None:
+def test_ground_and_projection_are_inverse_and_undistorted_pixels_are_those_of_the_projection_matrix(lens: Lens) -> None:
     one, points = camera(lens), on_ground()
     pixels = one.project(points)
     assert one.sees_ground(pixels).all()
     np.testing.assert_allclose(one.ground(pixels).xyz, points, atol=1e-6)
     np.testing.assert_allclose(one.ground(pixels[0]).xy, points[:1, :2], atol=1e-6)
+    homogeneous = np.column_stack([points, np.ones(len(points))]) @ one.P.T
+    np.testing.assert_allclose(one.undistort(pixels), homogeneous[:, :2] / homogeneous[:, 2:], atol=1e-4)
 
 
-def test_pixels_above_the_horizon_are_an_error_and_can_be_asked_for() -> None:
+def test_pixels_above_the_horizon_and_others_without_a_place_are_errors() -> None:
     one = camera()
     pixels = np.array([[640.0, 700.0], [640.0, 2.0], [640.0, 1.0]])
     assert one.sees_ground(pixels).tolist() == [True, False, False]
-    with pytest.raises(InputError, match=r"pixel 1 \(and 1 more\), \(640\.0, 2\.0\), does not show the ground"):
-        one.ground(pixels)
     assert np.isfinite(one.ground(pixels[:1], pixel_sd_px=1.0).sigma_m).all()
-    with pytest.raises(InputError, match="not above the ground"):
-        camera(height=-1.0).ground(pixels[:1])
-    with pytest.raises(InputError, match="not finite"):
-        one.ground([[np.nan, 3.0]])
-    with pytest.raises(InputError, match=r"give \(N, 2\)"):
-        one.ground([[1.0, 2.0, 3.0]])
-    with pytest.raises(InputError, match="has no pose"):
-        replace(one, pose=None).ground(pixels)
+    wide = camera(replace(FISHEYE, matrix=np.array([[250.0, 0, 640], [0, 250, 360], [0, 0, 1]])))
+    for call, message in (
+        (lambda: one.ground(pixels), r"pixel 1 \(and 1 more\), \(640\.0, 2\.0\), does not show the ground"),
+        (lambda: camera(height=-1.0).ground(pixels[:1]), "not above the ground"),
+        (lambda: one.ground([[np.nan, 3.0]]), "not finite"),
+        (lambda: one.ground([[1.0, 2.0, 3.0]]), r"give \(N, 2\)"),
+        (lambda: replace(one, pose=None).ground(pixels), "has no pose"),
+        (lambda: wide.undistort([[640.0, 360.0], [5.0, 360.0]]), r"pixel 1, \(5\.0, 360\.0\)"),
+    ):
+        with pytest.raises(InputError, match=message):
+            call()
+    unknown = replace(one, sigma=None).ground([[640.0, 600.0], [600.0, 700.0]])
+    assert (unknown.sigma_m, unknown.covariance, unknown.distance(0, 1)[1]) == (None, None, None)
+    assert one.ground(np.zeros((0, 2)), pixel_sd_px=1.0).xyz.shape == (0, 3)
 
 
 @pytest.mark.parametrize("lens", [BENT, FISHEYE])
@@ -81,26 +87,8 @@ def test_the_covariance_is_that_of_moved_cameras_and_pixels(lens: Lens) -> None:
     assert sigma < np.hypot(*found.sigma_m)  # what both have in common has cancelled
 
 
-def test_without_a_covariance_the_sigma_is_unknown_and_no_pixels_give_no_points() -> None:
-    found = replace(camera(), sigma=None).ground([[640.0, 600.0], [600.0, 700.0]])
-    assert (found.sigma_m, found.covariance, found.distance(0, 1)[1]) == (None, None, None)
-    assert camera().ground(np.zeros((0, 2)), pixel_sd_px=1.0).xyz.shape == (0, 3)
-
-
-@pytest.mark.parametrize("lens", [BENT, FISHEYE])
-def test_undistorted_pixels_are_those_of_the_projection_matrix(lens: Lens) -> None:
-    one, points = camera(lens), on_ground()
-    homogeneous = np.column_stack([points, np.ones(len(points))]) @ one.P.T
-    np.testing.assert_allclose(one.undistort(one.project(points)), homogeneous[:, :2] / homogeneous[:, 2:], atol=1e-4)
-
-
-def test_a_pixel_without_a_place_in_the_undistorted_image_is_an_error() -> None:
-    wide = replace(FISHEYE, matrix=np.array([[250.0, 0, 640], [0, 250, 360], [0, 0, 1]]))
-    with pytest.raises(InputError, match=r"pixel 1, \(5\.0, 360\.0\)"):
-        camera(wide).undistort([[640.0, 360.0], [5.0, 360.0]])
-
-
 def test_a_rig_projects_into_the_images_that_show_a_point() -> None:
+    """Not one that a strong distortion folds into the image."""
     rig = Rig((camera(), camera(FISHEYE, name="C2", at=(5.0, 3.0)), replace(camera(name="C3"), pose=None)))
     points = np.array([[0.0, 2.0, 0.0], [0.5, 1.0, 1.7], [0.5, -30.0, 0.0]])
     seen = rig.project(points)
@@ -108,13 +96,9 @@ def test_a_rig_projects_into_the_images_that_show_a_point() -> None:
     assert np.isfinite(seen["C1"]).all(axis=1).tolist() == [True, True, False]  # the last one is behind
     np.testing.assert_allclose(seen["C1"][:2], rig["C1"].project(points[:2]))
     np.testing.assert_allclose(rig.triangulate({name: pixels[:2] for name, pixels in seen.items()}), points[:2], atol=1e-5)
-
-
-def test_a_point_that_a_distortion_folds_into_the_image_is_not_seen() -> None:
     strong = Lens((1280, 720), np.array([[600.0, 0, 640], [0, 600, 360], [0, 0, 1]]), np.array([-0.4, 0.0, 0.0, 0.0]))
     one = camera(strong)
-    aside = np.array([np.tan(np.radians(55)), 0.0, 1.0])
-    world = (5 * aside - one.pose.t_cw) @ one.pose.R_cw
+    world = (5 * np.array([np.tan(np.radians(55)), 0.0, 1.0]) - one.pose.t_cw) @ one.pose.R_cw
     assert 0 < one.project(world)[0, 0] < 1280
     assert np.isnan(Rig((one,)).project(world)["C1"]).all()
 

@@ -67,7 +67,7 @@ def test_an_even_motion_is_met_exactly_and_no_sample_counts_twice(offsets: list[
         assert len(frame) >= np.floor(least) - 1
 
 
-def test_cameras_whole_frames_apart_keep_every_bit() -> None:
+def test_cameras_whole_frames_apart_or_not_apart_keep_every_bit() -> None:
     shifts, frames = {"A": 0, "B": -7, "C": 123}, np.array([2, 3, 9, 40, 41])
     clocks = {name: Clock(10.0, shift / 10) for name, shift in shifts.items()}
     rows = {
@@ -79,15 +79,12 @@ def test_cameras_whole_frames_apart_keep_every_bit() -> None:
         np.testing.assert_array_equal(found[name].boxes.frame, frames + shift)
         for column in ("identity", "ltwh", "score"):
             np.testing.assert_array_equal(getattr(found[name].boxes, column), getattr(rows[name], column))
-
-
-def test_without_clock_errors_nothing_changes() -> None:
     clocks = {"A": Clock(29.97, 3.1), "B": Clock(29.97, 3.1)}
     boxes = walkers(clocks)
     found = brought(clocks, boxes)
-    for name, rows in boxes.items():
+    for name, own in boxes.items():
         for column in ("frame", "identity", "ltwh", "score", "embedding"):
-            np.testing.assert_array_equal(getattr(found[name].boxes, column), getattr(rows, column))
+            np.testing.assert_array_equal(getattr(found[name].boxes, column), getattr(own, column))
 
 
 def test_the_grid_is_the_usual_rate_and_the_busiest_camera_of_it() -> None:
@@ -159,12 +156,17 @@ def test_frames_that_only_some_cameras_share_are_brought_together() -> None:
     boxes = {name: walker(clock, frames + shift) for (name, clock), shift in zip(clocks.items(), (0, 0, 3), strict=True)}
     assert_true_everywhere(brought(clocks, boxes))
     assert steps_of(clocks, boxes).every > 1
-
-
-def test_every_second_sample_shared_leaves_the_slower_rate() -> None:
-    clocks = {"A": Clock(30.0), "B": Clock(30.0)}
-    boxes = {"A": walker(clocks["A"], np.arange(1, 600, 6)), "B": walker(clocks["B"], np.arange(1, 600, 3))}
-    assert steps_of(clocks, boxes) == TimeSteps(clocks["A"], 6, 1)
+    # Every second sample shared leaves the slower rate.
+    two = {"A": walker(clocks["A"], np.arange(1, 600, 6)), "B": walker(clocks["B"], np.arange(1, 600, 3))}
+    assert steps_of({name: clocks[name] for name in two}, two) == TimeSteps(clocks["A"], 6, 1)
+    # Few samples between others do not make a camera fast.
+    clocks = {"A": Clock(30.0), "B": Clock(30.0, 0.05)}
+    frames = np.unique(np.concatenate([np.arange(1, 600, 6), [10, 11, 300]]))
+    boxes = {"A": walker(clocks["A"], frames), "B": walker(clocks["B"], np.arange(1, 600, 6))}
+    assert steps_of(clocks, boxes).every == 6
+    found = brought(clocks, boxes)
+    assert_true_everywhere(found)
+    assert len(found["A"].boxes) == 100
 
 
 def test_pictures_at_uneven_times_meet_at_most_steps() -> None:
@@ -178,67 +180,43 @@ def test_pictures_at_uneven_times_meet_at_most_steps() -> None:
     assert len(set(frames[0].tolist()).intersection(*(frame.tolist() for frame in frames[1:]))) > 100
 
 
-def test_few_samples_between_others_do_not_make_a_camera_fast() -> None:
-    clocks = {"A": Clock(30.0), "B": Clock(30.0, 0.05)}
-    frames = np.unique(np.concatenate([np.arange(1, 600, 6), [10, 11, 300]]))
-    boxes = {"A": walker(clocks["A"], frames), "B": walker(clocks["B"], np.arange(1, 600, 6))}
-    assert steps_of(clocks, boxes).every == 6
-    found = brought(clocks, boxes)
-    assert_true_everywhere(found)
-    assert len(found["A"].boxes) == 100
-
-
-def test_nobody_is_interpolated_over_a_long_gap() -> None:
+def test_interpolation_spans_no_long_gap_mixes_no_people_and_uses_no_box_that_is_cut_off() -> None:
     clocks = {"A": Clock(10.0), "B": Clock(10.0, 0.05)}
-    frames = np.array([1, 2, 6, 7, 13, 14])
-    boxes = {"A": walker(clocks["A"], np.arange(1, 30)), "B": walker(clocks["B"], frames)}
+    boxes = {"A": walker(clocks["A"], np.arange(1, 30)), "B": walker(clocks["B"], np.array([1, 2, 6, 7, 13, 14]))}
     found = brought(clocks, boxes)
     # Frame f of B lies halfway between instants f and f + 1. Frames 2 and 6 are 0.4 s apart, 7 and 13 are 0.6 s.
     np.testing.assert_array_equal(found["B"].boxes.frame, [2, 3, 7, 14])
     assert_true_everywhere(found)
     np.testing.assert_array_equal(brought(clocks, boxes, max_gap_s=0.3)["B"].boxes.frame, [2, 7, 14])
-
-
-def test_people_are_not_mixed_and_the_unknown_is_left_out() -> None:
-    clocks = {"A": Clock(10.0), "B": Clock(10.0, 0.05)}
-    rows = Boxes([1, 2, 1, 2, 1], [3, 3, 8, 9, -1], np.tile(FIRST, (5, 1)), [0.9, 0.4, 1, 1, 1])
-    found = brought(clocks, {"A": walker(clocks["A"], np.arange(1, 9)), "B": rows})
-    assert found["B"].boxes.identity.tolist() == [3]
-    assert found["B"].boxes.score.tolist() == [0.4]
-
-
-def test_a_box_beside_the_border_is_not_made_of_one_that_is_cut_off() -> None:
-    clocks = {"A": Clock(10.0), "B": Clock(10.0, 0.05)}
+    two = Boxes([1, 2, 1, 2, 1], [3, 3, 8, 9, -1], np.tile(FIRST, (5, 1)), [0.9, 0.4, 1, 1, 1])
+    found = brought(clocks, {**boxes, "B": two})
+    assert (found["B"].boxes.identity.tolist(), found["B"].boxes.score.tolist()) == ([3], [0.4])
     ltwh = np.array([[0.0, 200, 30, 180], [10.0, 200, 60, 180], [25.0, 200, 60, 180]])
-    boxes = {"A": walker(clocks["A"], np.arange(1, 9)), "B": Boxes([1, 2, 3], [4, 4, 4], ltwh, np.ones(3))}
-    assert brought(clocks, boxes)["B"].boxes.frame.tolist() == [2, 3]
-    found = brought(clocks, boxes, sizes={"A": (1280, 720), "B": (1280, 720)})["B"].boxes
-    assert found.frame.tolist() == [3]
-    assert found.ltwh[0].tolist() == [17.5, 200, 60, 180]
+    border = {**boxes, "B": Boxes([1, 2, 3], [4, 4, 4], ltwh, np.ones(3))}
+    assert brought(clocks, border)["B"].boxes.frame.tolist() == [2, 3]
+    cut = brought(clocks, border, sizes={"A": (1280, 720), "B": (1280, 720)})["B"].boxes
+    assert (cut.frame.tolist(), cut.ltwh[0].tolist()) == ([3], [17.5, 200, 60, 180])
 
 
 def test_joints_move_along_and_doubt_stays() -> None:
     clocks = {"A": Clock(10.0), "B": Clock(10.0, 0.025)}
     xy = np.array([[[10.0, 20.0], [30.0, 40.0]], [[18.0, 20.0], [30.0, 48.0]]])
     joints = Keypoints([1, 2], [7, 7], xy, [[0.9, 0.0], [0.6, 0.8]], ("nose", "neck"))
-    seen = Observations(
-        {"A": CameraObservations(walker(clocks["A"], np.arange(1, 9))), "B": CameraObservations(keypoints=joints)}
-    )
+    boxes = CameraObservations(walker(clocks["A"], np.arange(1, 9)))
+    seen = Observations({"A": boxes, "B": CameraObservations(keypoints=joints)})
     found = resample_to_common_steps(seen, clocks)["B"].keypoints
-    assert found.frame.tolist() == [2]
+    assert (found.frame.tolist(), found.score.tolist(), found.joints) == ([2], [[0.6, 0.0]], ("nose", "neck"))
     np.testing.assert_allclose(found.xy[0], [[16.0, 20.0], [30.0, 46.0]])
-    assert found.score.tolist() == [[0.6, 0.0]]
-    assert found.joints == ("nose", "neck")
 
 
-def test_faults_are_told() -> None:
-    boxes = walkers({"A": Clock(10.0), "B": Clock(10.0)})
-    with pytest.raises(InputError, match="camera B has no clock"):
-        brought({"A": Clock(10.0)}, boxes)
-    with pytest.raises(InputError, match=r"camera B.*fps = 0"):
-        brought({"A": Clock(10.0), "B": Clock(0.0)}, boxes)
+def test_a_missing_clock_a_rate_of_zero_and_a_doubled_identity_are_errors() -> None:
+    boxes, clocks = walkers({"A": Clock(10.0), "B": Clock(10.0)}), {"A": Clock(10.0), "B": Clock(10.0)}
     twice = Boxes([1, 2, 2], [4, 4, 4], np.tile(FIRST, (3, 1)), np.ones(3))
-    with pytest.raises(InputError, match="camera A: identity 4 has two boxes in frame 2"):
-        brought({"A": Clock(10.0), "B": Clock(10.0)}, {**boxes, "A": twice})
-    with pytest.raises(InputError, match="no camera"):
-        resample_to_common_steps(Observations({}), {})
+    for own, seen, message in (
+        ({"A": Clock(10.0)}, boxes, "camera B has no clock"),
+        ({**clocks, "B": Clock(0.0)}, boxes, r"camera B.*fps = 0"),
+        (clocks, {**boxes, "A": twice}, "camera A: identity 4 has two boxes in frame 2"),
+        ({}, {}, "no camera"),
+    ):
+        with pytest.raises(InputError, match=message):
+            brought(own, seen)

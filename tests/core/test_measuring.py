@@ -1,4 +1,4 @@
-"""How far off a rig measures: zero for the truth, small where intrinsics and pose compensate each other."""
+"""How far off a rig measures: zero for the truth, small where errors compensate; the doubt where it is too vague."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 from passerby.cli.main import run
-from passerby.core.cameras import Camera, Pose, Rig
-from passerby.core.measuring import find_common_ground, measuring_errors
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.figures import AdjustedFigures, AdjustmentRound, SolvedCamera
+from passerby.core.measuring import CameraMeasuring, MeasuringFigures, MeasuringSigma, find_common_ground, measuring_errors
 from passerby.core.observations import Boxes
+from passerby.core.usability import add_uncertainty_doubts, doubts_of_uncertainty
 from passerby.evaluation.metrics import compare
+from passerby.findings.finding import Finding, notice
 from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
@@ -47,22 +50,19 @@ def test_the_truth_measures_without_error_in_any_frame_of_the_same_ground(made: 
 
 def test_a_principal_point_and_a_rotation_compensate(made: SimulatedScene) -> None:
     """Each alone moves points far; together they are a large error of the rotation, and a small one of what is measured."""
-    name = made.rig.names[0]
-    degrees, pixels = 3.0, made.rig[name].lens.focal * np.tan(np.radians(3.0))
-    both = changed(made.rig, name, degrees, -pixels)
+    first, second = made.rig.names[:2]
+    degrees, pixels = 3.0, made.rig[first].lens.focal * np.tan(np.radians(3.0))
+    both = changed(made.rig, first, degrees, -pixels)
     turned, shifted, together = (
         measuring_errors(rig, made.rig).points.median_mm
-        for rig in (changed(made.rig, name, degrees), changed(made.rig, name, point_px=-pixels), both)
+        for rig in (changed(made.rig, first, degrees), changed(made.rig, first, point_px=-pixels), both)
     )
-    assert compare(both, made.rig).metric.orientation_deg[name] == pytest.approx(0.0, abs=1e-6)  # it is the reference
+    assert compare(both, made.rig).metric.orientation_deg[first] == pytest.approx(0.0, abs=1e-6)  # it is the reference
     assert 0.1 < together < 0.2 * min(turned, shifted)
-
-
-def test_a_camera_that_is_elsewhere_errs_on_its_ground(made: SimulatedScene) -> None:
-    name = made.rig.names[1]
-    found = measuring_errors(changed(made.rig, name, shift_m=0.3), made.rig)
-    assert max(found.cameras, key=lambda camera: found.cameras[camera].median_mm) == name
-    assert 100 < found.cameras[name].median_mm < 500
+    # A camera at another place errs on its ground.
+    found = measuring_errors(changed(made.rig, second, shift_m=0.3), made.rig)
+    assert max(found.cameras, key=lambda camera: found.cameras[camera].median_mm) == second
+    assert 100 < found.cameras[second].median_mm < 500
 
 
 def test_boxes_that_end_near_the_horizon_are_at_no_place_that_counts(made: SimulatedScene) -> None:
@@ -109,3 +109,98 @@ def test_evaluate_states_points_and_ground(made: SimulatedScene, tmp_path: Path,
     assert run([*command, "--people", str(tmp_path / "tracks")]) == 0
     assert "places where people walked: points by all cameras: median" in capsys.readouterr().out
     assert run([*command, "--people", str(tmp_path / "none")]) == 2
+
+
+LENS = Lens((800, 600), np.array([[700.0, 0, 400], [0, 700, 300], [0, 0, 1]]), np.zeros(0))
+CENTRES = np.array([[0.0, 0, 3], [8.0, 0, 3], [0.0, 8, 3]])
+
+
+def rig_of_three(factor: float = 1.0) -> Rig:
+    cameras = (Pose.from_centre(np.eye(3), factor * centre) for centre in CENTRES)
+    return Rig(tuple(Camera(f"C{k}", LENS, pose) for k, pose in enumerate(cameras, start=1)))
+
+
+def measuring(*across_m: float, ground_m: float | None = None) -> MeasuringFigures:
+    """Cameras whose rays pass places so far beside them, metres, one sigma."""
+    sigmas = [MeasuringSigma(median_mm=1000 * one, p90_mm=2000 * one) for one in across_m]
+    ground = None if ground_m is None else MeasuringSigma(median_mm=1000 * ground_m, p90_mm=2000 * ground_m)
+    cameras = {f"C{k}": CameraMeasuring(points=one, across=one, ground=ground) for k, one in enumerate(sigmas, start=1)}
+    return MeasuringFigures(places=10, points=sigmas[0], ground=ground, ground_height_mm=None, cameras=cameras)
+
+
+def figures(own: MeasuringFigures | None = None, **others: object) -> AdjustedFigures:
+    cameras = tuple(SolvedCamera(name=f"C{k}", shape_position_sigma_mm=10.0) for k in (1, 2, 3))
+    return replace(AdjustedFigures(cameras=cameras, measuring=own), **others)  # type: ignore[arg-type]
+
+
+SOUND = figures(measuring(0.01, 0.01, 0.01, ground_m=0.1))
+
+
+def test_a_camera_that_measures_points_too_vaguely() -> None:
+    (doubt,) = doubts_of_uncertainty(rig_of_three(), figures(measuring(0.01, 1.0, 0.01)), [])
+    assert (doubt.cameras, doubt.values["what"], doubt.values["sigma"]) == (("C2",), "points", pytest.approx(1000.0))
+    # One that sees no shared place counts by its position.
+    cameras = tuple(SolvedCamera(name=f"C{k}", shape_position_sigma_mm=10.0 if k < 3 else 900.0) for k in (1, 2, 3))
+    (doubt,) = doubts_of_uncertainty(rig_of_three(), figures(None, cameras=cameras), [])
+    assert (doubt.cameras, doubt.values["sigma"]) == (("C3",), 900.0)
+    nowhere = Rig(tuple(replace(camera, pose=None) for camera in rig_of_three()))
+    assert doubts_of_uncertainty(nowhere, figures(), []) == []
+
+
+@pytest.mark.parametrize(("factor", "sigma_m", "vague"), [(0.1, 0.15, True), (1, 0.15, False), (1, 0.6, True), (40, 0.6, 0)])
+def test_how_well_points_have_to_be_known_goes_by_the_size_of_the_rig(factor: float, sigma_m: float, vague: bool) -> None:
+    """A share of the extent in small and in large rigs, and metres between them."""
+    found = doubts_of_uncertainty(rig_of_three(factor), figures(measuring(*3 * [sigma_m])), [])
+    assert [one.values["what"] for one in found] == vague * 3 * ["points"]
+
+
+@pytest.mark.parametrize(("reach", "sound_m", "vague_m"), [(None, 0.07, 0.2), (0.5, 0.07, 0.2), (8.0, 0.5, 1.6)])
+def test_the_height_of_the_ground_counts_not_how_flat_a_camera_looks(reach: float | None, sound_m: float, vague_m: float):
+    for ground_m, count in ((sound_m, 0), (vague_m, 3)):
+        own = measuring(0.01, 0.01, 0.01, ground_m=ground_m)
+        own = replace(own, cameras={name: replace(one, reach=reach) for name, one in own.cameras.items()})
+        found = doubts_of_uncertainty(rig_of_three(), figures(own), [])
+        assert [one.values["what"] for one in found] == count * ["ground"]
+        assert all(one.values["sigma"] == pytest.approx(1000 * ground_m) for one in found)
+    for sigma, whats in ((0.05, []), (0.4, ["scale"])):
+        scaled = replace(SOUND, scale=replace(SOUND.scale, relative_sigma=sigma))
+        assert [one.values["what"] for one in doubts_of_uncertainty(rig_of_three(), scaled, [])] == whats
+
+
+def test_a_quantity_that_nothing_fixes_has_no_sigma() -> None:
+    free = replace(SOUND, undetermined=("scale", "vertical", "camera C2"))
+    found = doubts_of_uncertainty(rig_of_three(), free, [])
+    assert [(one.values["what"], one.values["sigma"], one.values["lacks"], one.cameras) for one in found] == [
+        ("world", None, ["scale", "vertical"], ()), ("points", None, [], ("C2",)),
+    ]  # fmt: skip
+    for lacks, what in (("scale", "scale"), ("vertical", "ground"), ("height of the ground", "ground")):
+        (doubt,) = doubts_of_uncertainty(rig_of_three(), replace(SOUND, undetermined=(lacks,)), [])
+        assert (doubt.values["what"], doubt.values["lacks"]) == (what, [lacks])
+
+
+@pytest.mark.parametrize(
+    "why",
+    [notice("people_not_spread", shape="line", length_m=14.2), notice("boxes_noisy", noise_percent=40.0),
+     notice("adjustment_not_converged")],
+)  # fmt: skip
+def test_beside_these_the_sigmas_say_too_little(why: Finding) -> None:
+    early = AdjustmentRound(sightings=9, renamed=0, joints=0, iterations=200, converged=False, cost=None)
+    rounds = (early,) if why.code == "adjustment_not_converged" else ()
+    (doubt,) = doubts_of_uncertainty(rig_of_three(), replace(SOUND, rounds=rounds), [why])
+    assert (doubt.cameras, doubt.values["what"], doubt.values["sigma"]) == ((), "points", None)
+    assert doubt.values["why"]["code"] == why.code
+    # A sound rig is sound beside a notice that explains nothing.
+    assert doubts_of_uncertainty(rig_of_three(), SOUND, [notice("few_observations", "C1", agreeing=12)]) == []
+
+
+def test_a_doubt_says_why_and_the_notice_is_not_said_twice() -> None:
+    uneven, few = notice("ground_uneven", rise_m=0.4, at=None), notice("few_observations", "C2", agreeing=12)
+    vague = figures(measuring(0.01, 1.0, 0.01))
+    found = add_uncertainty_doubts(rig_of_three(), vague, [uneven, few])
+    assert [one.code for one in found] == ["ground_uneven", "rig_uncertain"]
+    assert found[-1].values["why"]["code"] == "few_observations"
+    # A notice of another camera explains nothing of this one.
+    found = add_uncertainty_doubts(rig_of_three(), vague, [notice("few_observations", "C1", agreeing=12)])
+    assert found[-1].values["why"] is None
+    # Said again with other figures, it is not said twice.
+    assert add_uncertainty_doubts(rig_of_three(), vague, found) == found

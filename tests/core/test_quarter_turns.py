@@ -24,61 +24,37 @@ def camera(fisheye: bool, rotate: int = 0) -> Camera:
     return Camera("A", lens, POSE, PoseSigma.from_covariance(covariance))
 
 
-@pytest.mark.parametrize("fisheye", [False, True])
 @pytest.mark.parametrize("degrees", TURNS)
-def test_the_turned_camera_sees_points_where_the_turned_image_shows_them(fisheye, degrees):
-    before = camera(fisheye)
+def test_the_turned_camera_sees_points_and_boxes_where_the_turned_image_shows_them(degrees):
     points = np.random.default_rng(0).uniform((-2, -2, 0), (2, 2, 2), (200, 3))
-    seen = before.project(points)
-    assert np.isfinite(seen).all()
-    found = turn_camera(before, degrees).project(points)
-    assert np.allclose(found, turn_pixels(seen, before.lens.size, degrees), atol=1e-9)
-
-
-@pytest.mark.parametrize("degrees", TURNS)
-def test_turns_are_those_of_the_stored_image(degrees):
-    image = np.arange(12).reshape(3, 4)
-    turned = np.rot90(image, -degrees // 90)
+    for before in (camera(False), camera(True)):
+        seen = before.project(points)
+        assert np.isfinite(seen).all()
+        found = turn_camera(before, degrees).project(points)
+        assert np.allclose(found, turn_pixels(seen, before.lens.size, degrees), atol=1e-9)
+    turned = np.rot90(image := np.arange(12).reshape(3, 4), -degrees // 90)
     v, u = np.mgrid[:3, :4]
     there = turn_pixels(np.stack([u, v], axis=-1).astype(float), (4, 3), degrees).astype(int)
     assert (turned[there[..., 1], there[..., 0]] == image).all()
-
-
-@pytest.mark.parametrize("degrees", TURNS)
-def test_a_turn_is_undone_by_its_inverse(degrees):
-    before = camera(False, rotate=degrees)
-    upright = turn_camera(before, degrees)
-    after = turn_camera(upright, -degrees)
-    assert (upright.lens.rotate, after.lens.rotate, after.lens.size) == (0, degrees, before.lens.size)
-    assert np.allclose(after.sigma.covariance, before.sigma.covariance)
-
-
-@pytest.mark.parametrize("degrees", TURNS)
-def test_the_covariance_of_the_rotation_is_in_the_turned_frame(degrees):
-    before = camera(False)
-    after = turn_camera(before, degrees)
-    vector = np.array([0.01, -0.02, 0.03])
-    moved = turn_camera(Camera("A", before.lens, Pose(exp_rotation(vector) @ POSE.R_cw, POSE.t_cw)), degrees)
-    turned = moved.pose.R_cw @ after.pose.R_cw.T
-    axes = after.pose.R_cw @ before.pose.R_cw.T
-    assert np.allclose(turned, exp_rotation(axes @ vector))
-    assert np.allclose(after.sigma.covariance[3:, 3:], axes @ before.sigma.covariance[3:, 3:] @ axes.T)
-
-
-@pytest.mark.parametrize("degrees", TURNS)
-def test_boxes_hold_their_corners(degrees):
     boxes = Boxes(np.array([1]), np.array([2]), np.array([[100.0, 50.0, 40.0, 160.0]]), np.array([0.9]))
     corners = turn_pixels(np.array([[100.0, 50.0], [140.0, 210.0]]), (1280, 720), degrees)
     (left, top, width, height) = turn_boxes(boxes, (1280, 720), degrees).ltwh[0]
     assert np.allclose([left, top, left + width, top + height], [*corners.min(axis=0), *corners.max(axis=0)])
 
 
-def test_what_no_lens_model_expresses_is_an_error():
-    skewed = Lens((1280, 720), np.array([[900.0, 2.0, 640.0], [0.0, 900.0, 360.0], [0.0, 0.0, 1.0]]), np.zeros(5))
-    with pytest.raises(InputError, match="skew"):
-        turn_lens(skewed, 90)
-    with pytest.raises(InputError, match="rotate is 45"):
-        Lens((1280, 720), np.array(MATRIX), np.zeros(5), rotate=45)
+@pytest.mark.parametrize("degrees", TURNS)
+def test_the_covariance_turns_with_the_camera_and_back(degrees):
+    before = camera(False, rotate=degrees)
+    upright = turn_camera(before, degrees)
+    back = turn_camera(upright, -degrees)
+    assert (upright.lens.rotate, back.lens.rotate, back.lens.size) == (0, degrees, before.lens.size)
+    assert np.allclose(back.sigma.covariance, before.sigma.covariance)
+    before = camera(False)
+    after, vector = turn_camera(before, degrees), np.array([0.01, -0.02, 0.03])
+    moved = turn_camera(Camera("A", before.lens, Pose(exp_rotation(vector) @ POSE.R_cw, POSE.t_cw)), degrees)
+    axes = after.pose.R_cw @ before.pose.R_cw.T
+    assert np.allclose(moved.pose.R_cw @ after.pose.R_cw.T, exp_rotation(axes @ vector))
+    assert np.allclose(after.sigma.covariance[3:, 3:], axes @ before.sigma.covariance[3:, 3:] @ axes.T)
 
 
 @pytest.mark.parametrize("degrees", TURNS)
@@ -91,3 +67,11 @@ def test_positions_on_the_ground_are_as_uncertain_by_the_turned_camera(degrees):
     expected = before.ground(pixels).covariance
     found = turn_camera(before, degrees).ground(turn_pixels(pixels, before.lens.size, degrees)).covariance
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_what_no_lens_model_expresses_is_an_error():
+    skewed = Lens((1280, 720), np.array([[900.0, 2.0, 640.0], [0.0, 900.0, 360.0], [0.0, 0.0, 1.0]]), np.zeros(5))
+    with pytest.raises(InputError, match="skew"):
+        turn_lens(skewed, 90)
+    with pytest.raises(InputError, match="rotate is 45"):
+        Lens((1280, 720), np.array(MATRIX), np.zeros(5), rotate=45)

@@ -129,7 +129,7 @@ PAGES_WITH_TOML = [page for page in pages() if any(block.language == "toml" for 
 
 
 def _blocks_to_run(page: Path) -> list[Block]:
-    """The README is not the place for comments about tests: what is not run there is told here."""
+    """The README is not the place for comments about tests: what is not run there is listed here."""
     blocks = blocks_of(page)
     if page != ROOT / "README.md":
         return blocks

@@ -1,4 +1,4 @@
-"""Boxes in other formats than the stated one, and others that lie half outside the images for good reasons."""
+"""Boxes in other formats than the stated one, beyond the image for good reasons, and on a coarse grid."""
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -12,9 +12,15 @@ from hypothesis import strategies as st
 import passerby
 from passerby.cli.main import run
 from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustedFigures, CueFigures
 from passerby.core.observations import FORMATS, LTWH, Boxes, BoxFormat, Keypoints
-from passerby.findings.finding import Finding
-from passerby.scene.box_interpretations import BoxesAsStated, find_other_formats
+from passerby.findings.finding import Finding, notice
+from passerby.scene.box_interpretations import (
+    BoxesAsStated,
+    adjust_for_coarse_boxes,
+    find_other_formats,
+    notice_of_coarse_boxes,
+)
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.inputs import read_inputs
 from passerby.scene.people_in_images import doubts_of_people, faults_of_people, findings_of_people
@@ -62,23 +68,19 @@ def boxes_of(scene: SimulatedScene, *, by_centres: Collection[str] = ()) -> list
     return out
 
 
-def test_ordinary_boxes_and_none_have_corners(scene: SimulatedScene) -> None:
-    assert doubt_of_centres(scene.rig, boxes_of(scene)) is None
-    assert doubt_of_centres(scene.rig, [Boxes.empty() for _ in scene.rig]) is None
-
-
-def test_boxes_by_their_centres_are_told(scene: SimulatedScene) -> None:
+def test_boxes_by_their_centres_are_a_doubt_about_cameras_with_people_at_the_borders(
+    scene: SimulatedScene,
+) -> None:
+    """No person leaves the second and the fourth camera's image at the right."""
     found = doubt_of_centres(scene.rig, boxes_of(scene, by_centres=scene.rig.names))
     assert (found.code, found.severity) == ("boxes_by_centres", "doubt")
     assert set(found.cameras) <= set(scene.rig.names)
     assert found.values["beyond"] >= 20
-
-
-@pytest.mark.parametrize(("name", "told"), [("C1", True), ("C2", False), ("C3", True), ("C4", False)])
-def test_one_camera_by_centres_is_told_by_its_name_where_enough_people_are_at_its_borders(scene, name, told):
-    """Nobody leaves the second and the fourth camera's image at the right."""
-    found = doubt_of_centres(scene.rig, boxes_of(scene, by_centres=(name,)))
-    assert (None if found is None else found.cameras) == ((name,) if told else None)
+    for name, told in (("C1", True), ("C2", False), ("C3", True), ("C4", False)):
+        found = doubt_of_centres(scene.rig, boxes_of(scene, by_centres=(name,)))
+        assert (None if found is None else found.cameras) == ((name,) if told else None)
+    for sound in (boxes_of(scene), [Boxes.empty() for _ in scene.rig]):
+        assert doubt_of_centres(scene.rig, sound) is None
 
 
 SIZE = np.array([60.0, 150.0])
@@ -91,7 +93,7 @@ def crowd(corner: np.ndarray) -> Boxes:
     )
 
 
-def test_bodies_that_the_border_cuts_off_reach_beyond_both_sides(scene: SimulatedScene) -> None:
+def test_bodies_that_the_border_cuts_off_are_no_boxes_by_centres(scene: SimulatedScene) -> None:
     """Boxes of whole bodies, half of them outside, at all borders alike."""
     rig = Rig(scene.rig.cameras[:1])
     picture = rig.cameras[0].lens.size
@@ -102,28 +104,15 @@ def test_bodies_that_the_border_cuts_off_reach_beyond_both_sides(scene: Simulate
     moved = right.take((right.ltwh[:, :2] + SIZE < picture).all(axis=1))
     moved = replace(moved, ltwh=moved.ltwh + np.array([30.0, 75.0, 0.0, 0.0]))
     assert doubt_of_centres(rig, [moved]) is not None
-
-
-def test_left_upper_edges_stated_as_centres_are_reported(scene: SimulatedScene) -> None:
-    """Read as centres, boxes of left, top, width, height move left and up by half of their size."""
-    rig = Rig(scene.rig.cameras[:1])
-    size = rig.cameras[0].lens.size
-    true = crowd(np.random.default_rng(0).uniform((0, 0), size - SIZE, (2000, 2)))
-    found = doubt_of_centres(rig, [misread(true, LTWH, BoxFormat("centres"), size)], "centres")
+    # Read as centres, boxes of left, top, width, height move left and up by half of their size.
+    true = crowd(np.random.default_rng(0).uniform((0, 0), picture - SIZE, (2000, 2)))
+    found = doubt_of_centres(rig, [misread(true, LTWH, BoxFormat("centres"), picture)], "centres")
     assert (found.values["box_format"], found.values["stated"]) == ("ltwh", "centres")
     assert doubt_of_centres(rig, [true], "centres") is None
 
 
 def as_stated(scene: SimulatedScene, boxes: list[Boxes], stated: BoxFormat) -> list[BoxesAsStated]:
     return [BoxesAsStated(camera.name, rows, camera.lens.size, stated) for camera, rows in zip(scene.rig, boxes, strict=True)]
-
-
-def test_corners_of_one_camera_name_it(scene: SimulatedScene) -> None:
-    boxes = boxes_of(scene)
-    boxes[1] = misread(boxes[1], BoxFormat("corners"), LTWH, scene.rig["C2"].lens.size)
-    (fault,) = faults_of_people(*inputs(scene.rig, boxes))
-    assert fault.startswith("boxes: camera C2: the boxes are left, top, right, bottom")
-    assert 'box_format = "corners"' in fault
 
 
 @pytest.mark.parametrize("true", [one for one in FORMATS if one.normalised], ids=str)
@@ -139,16 +128,17 @@ def test_normalised_boxes_are_certain(scene: SimulatedScene, true: BoxFormat, st
     assert findings_of_people(declared, readings) == []
 
 
-def test_pixels_stated_as_shares_are_certain(scene: SimulatedScene) -> None:
-    stated = BoxFormat("ltwh", True)
-    boxes = [misread(scene.observations[c.name].boxes, LTWH, stated, c.lens.size) for c in scene.rig]
-    (found,) = find_other_formats(as_stated(scene, boxes, stated))
+def test_corners_of_one_camera_name_it_and_rightly_stated_boxes_are_no_fault(scene: SimulatedScene) -> None:
+    boxes = boxes_of(scene)
+    assert [find_other_formats(as_stated(scene, boxes, one)) for one in FORMATS] == len(FORMATS) * [()]
+    shares = BoxFormat("ltwh", True)
+    pixels = [misread(own, LTWH, shares, camera.lens.size) for own, camera in zip(boxes, scene.rig, strict=True)]
+    (found,) = find_other_formats(as_stated(scene, pixels, shares))
     assert (found.box_format, found.certain) == (LTWH, True)
-
-
-@pytest.mark.parametrize("box_format", FORMATS, ids=str)
-def test_rightly_stated_boxes_are_read_and_not_accused(scene: SimulatedScene, box_format: BoxFormat) -> None:
-    assert find_other_formats(as_stated(scene, boxes_of(scene), box_format)) == ()
+    boxes[1] = misread(boxes[1], BoxFormat("corners"), LTWH, scene.rig["C2"].lens.size)
+    (fault,) = faults_of_people(*inputs(scene.rig, boxes))
+    assert fault.startswith("boxes: camera C2: the boxes are left, top, right, bottom")
+    assert 'box_format = "corners"' in fault
 
 
 @pytest.mark.parametrize("box_format", FORMATS, ids=str)
@@ -204,40 +194,70 @@ def test_the_option_is_named_where_it_is_missing(folder, tmp_path, scene, capsys
     (error,) = capsys.readouterr().err.splitlines()
     assert f'under [scene] set boxes = "{true}"' in error
     assert not (tmp_path / "out").exists()
+    if command == "check":
+        path = rewrite(folder, tmp_path / "none", lambda name: (1, 1), LTWH, "corners")
+        assert run([command, str(path)]) == 2
+        assert "(columns 3 to 6 are left, top, right, bottom)" in capsys.readouterr().err
 
 
-def test_corners_that_are_none_name_the_row(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = rewrite(folder, tmp_path, lambda name: (1, 1), LTWH, "corners")
-    assert run(["check", str(path)]) == 2
-    assert "(columns 3 to 6 are left, top, right, bottom)" in capsys.readouterr().err
-
-
-def arrays(scene: SimulatedScene, form: BoxFormat) -> dict[str, np.ndarray]:
-    return {
-        camera.name: np.column_stack([b.frame, b.identity, form.of_ltwh(b.ltwh, camera.lens.size), b.score])
-        for camera in scene.rig
-        for b in [scene.observations[camera.name].boxes]
-    }
-
-
-def test_arrays_in_memory_are_read_with_their_format(scene: SimulatedScene) -> None:
+@pytest.mark.parametrize("form", ["wrong", pytest.param("stated", marks=pytest.mark.system)])
+def test_arrays_in_memory_are_read_with_their_format_and_give_the_same_rig(scene: SimulatedScene, form: str) -> None:
     lenses = {camera.name: camera.lens for camera in scene.rig}
-    with pytest.raises(passerby.InputError, match='box_format = "corners"'):
-        passerby.calibrate_observations(lenses, arrays(scene, BoxFormat("corners")), fps=5.0)
-    with pytest.raises(passerby.InputError, match="box_format: 'xy' is no box format"):
-        passerby.calibrate_observations(lenses, arrays(scene, LTWH), fps=5.0, box_format="xy")
 
+    def arrays(name: str) -> dict[str, np.ndarray]:
+        boxes = {camera: scene.observations[camera].boxes for camera in lenses}
+        of_ltwh = BoxFormat.of_text(name).of_ltwh
+        return {
+            camera: np.column_stack([one.frame, one.identity, of_ltwh(one.ltwh, lenses[camera].size), one.score])
+            for camera, one in boxes.items()
+        }
 
-@pytest.mark.system
-def test_arrays_in_another_format_give_the_same_rig(scene: SimulatedScene) -> None:
-    lenses = {camera.name: camera.lens for camera in scene.rig}
-    form, same = BoxFormat("corners", True), {"mode": "given"}
-    boxes = {name: scene.observations[name].boxes for name in scene.rig.names}
-    arrays = {
-        name: np.column_stack([b.frame, b.identity, form.of_ltwh(b.ltwh, lenses[name].size), b.score])
-        for name, b in boxes.items()
-    }
-    first = passerby.calibrate_observations(lenses, boxes, fps=5.0, association=same)
-    second = passerby.calibrate_observations(lenses, arrays, fps=5.0, box_format=str(form), association=same)
+    if form == "wrong":
+        with pytest.raises(passerby.InputError, match='box_format = "corners"'):
+            passerby.calibrate_observations(lenses, arrays("corners"), fps=5.0)
+        with pytest.raises(passerby.InputError, match="box_format: 'xy' is no box format"):
+            passerby.calibrate_observations(lenses, arrays("ltwh"), fps=5.0, box_format="xy")
+        return
+    first, second = (
+        passerby.calibrate_observations(lenses, arrays(name), fps=5.0, box_format=name, association={"mode": "given"})
+        for name in ("ltwh", "normalised corners")
+    )
     for name in scene.rig.names:
         np.testing.assert_allclose(second.rig[name].centre, first.rig[name].centre, atol=1e-3)
+
+
+def grid_of(step, count=300):
+    rng = np.random.default_rng(0)
+    height = rng.uniform(90, 200, count)
+    near = np.column_stack([rng.uniform(0, 1200, count), rng.uniform(0, 500, count)])
+    far = near + np.column_stack([0.4 * height, height])
+    near, far = step * np.floor(near / step), step * np.ceil(far / step)
+    return Boxes(np.arange(count), np.ones(count, dtype=np.int64), np.concatenate([near, far - near], axis=1), np.ones(count))
+
+
+@pytest.mark.parametrize(("step", "coarse"), [(20, True), (32, True), (64, True), (1, False), (8, False)])
+def test_boxes_of_blocks_are_coarse_and_a_fine_grid_is_not(step, coarse):
+    """A few boxes that the border clips do not hide the blocks, and few boxes have no grid."""
+    found = notice_of_coarse_boxes("gate", boxes := grid_of(step))
+    assert (found is not None) is coarse
+    assert notice_of_coarse_boxes("gate", grid_of(step, 3)) is None
+    if coarse:
+        assert (found.code, found.severity, found.cameras) == ("boxes_coarse", "notice", ("gate",))
+        assert found.values["step_px"] == step
+        ltwh = boxes.ltwh.copy()
+        ltwh[:5, 3] = 719.0 - ltwh[:5, 1]
+        assert notice_of_coarse_boxes("gate", replace(boxes, ltwh=ltwh)) is not None
+
+
+@pytest.mark.parametrize(("share", "sigma"), [(1.0, 0.25), (0.5, 0.18), (0.0, 0.15)])
+def test_blocks_make_a_scale_uncertain_that_rests_on_how_tall_people_are(share, sigma):
+    """Blocks of a fifth of a person: the scale by people is as uncertain; a measured length is not."""
+
+    def cue(kind, share):
+        return CueFigures(cue=kind, kind=kind, stated_m=1.7, measured_m=1.7, sd_m=0.05, residual_sigmas=0.0, share=share)
+
+    cues = (cue("population", share), cue("length", 1 - share))
+    figures = AdjustedFigures(scale=replace(AdjustedFigures().scale, relative_sigma=0.15, cues=cues))
+    found = [notice("boxes_coarse", "gate", step_px=20, height_px=100.0)]
+    assert adjust_for_coarse_boxes(figures, found).scale.relative_sigma == pytest.approx(sigma, abs=0.01)
+    assert adjust_for_coarse_boxes(figures, []) == figures

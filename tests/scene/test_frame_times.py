@@ -54,11 +54,9 @@ def test_init_finds_the_table_and_the_video_is_read_by_it(folder: Path) -> None:
     assert first.video.average_fps == pytest.approx((FRAMES - 1) / seconds(1)[-1])
     np.testing.assert_allclose([frame.seconds for frame in VideoReader(first.video)], seconds(1), atol=1e-6)
     assert not check_scene(started.scene).faults
-
-
-def test_a_table_that_does_not_fit_is_named_and_not_used(folder: Path) -> None:
+    # A table that does not fit is named and not used.
     write_times(folder / "b.csv", seconds(2)[:9])
-    started = start(folder)
+    started = start(folder, force=True)
     assert any("b.csv: has 9 times, but b.mp4 has 30 frames" in note for note in started.notes)
     assert Scene.load(started.scene).cameras["b"].times is None
 
@@ -76,15 +74,14 @@ def scene(folder: Path, **extra: str) -> Path:
     return folder / "scene.toml"
 
 
-@pytest.mark.parametrize("video", ["", '\nvideo = "a.mp4"'])
-def test_boxes_of_a_camera_are_at_the_times_of_their_frames(folder: Path, video: str) -> None:
-    boxes(folder / "a.txt", [1, 2, 30])
-    boxes(folder / "b.txt", [1, 2, 30])
-    first, second = read_cameras(Scene.load(scene(folder, a=f'times = "a.csv"{video}', b="fps = 20.0")))
-    assert not first.faults + second.faults
-    expected = seconds(1)[[0, 1, 29]]
-    np.testing.assert_allclose((first.boxes.frame - 1) / first.fps, expected, atol=0.00501)
-    assert second.boxes.frame.tolist() == [1, 2, 30]
+def test_boxes_of_a_camera_are_at_the_times_of_their_frames(folder: Path) -> None:
+    for name in "ab":
+        boxes(folder / f"{name}.txt", [1, 2, 30])
+    for video in ("", '\nvideo = "a.mp4"'):
+        first, second = read_cameras(Scene.load(scene(folder, a=f'times = "a.csv"{video}', b="fps = 20.0")))
+        assert not first.faults + second.faults
+        np.testing.assert_allclose((first.boxes.frame - 1) / first.fps, seconds(1)[[0, 1, 29]], atol=0.00501)
+        assert second.boxes.frame.tolist() == [1, 2, 30]
 
 
 def test_what_contradicts_the_table_is_a_fault(folder: Path) -> None:

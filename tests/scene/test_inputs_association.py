@@ -1,6 +1,7 @@
-"""What is read where identities are not given: tracklets or detections, embeddings, frame rates, cameras that saw nobody."""
+"""Input whose identities are not given: tracklets or detections, embeddings, frame rates, cameras without people."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from passerby.findings.texts import texts_of
 from passerby.interchange.motchallenge import write_embeddings
 from passerby.interchange.storage.safe_parsing import faults_of
 from passerby.scene.inputs import read_inputs
+from passerby.scene.reading import read_camera
 from passerby.scene.scene import Scene
 from support.scenes.handmade_files import lens, rows, write_scene
+from support.scenes.puppet_videos import film, puppets, scene_file
 
 COMBINED = 'mode = "combined"'
 GIVEN = 'mode = "given"'
@@ -38,19 +41,13 @@ CAMERA_C = '[cameras.C]\nintrinsics = "c.toml"\n'
 TWO_AND_C = {"c.toml": lens("C")}
 
 
-def test_rows_without_an_id_are_kept(tmp_path):
+def test_rows_without_an_id_are_kept_and_tracks_go_before_detections(tmp_path):
     found = read(tmp_path, files={"A.txt": rows() + "11,-1,9,9,9,9,1,-1,-1,-1\n", "B.txt": DETECTIONS})
     assert found.observations["A"].boxes.identity.tolist() == [1, 2] * 10 + [-1]
     assert found.observations["B"].boxes.identity.tolist() == [-1] * 20
-
-
-def test_detections_are_read_where_there_are_no_tracks(tmp_path):
-    text = rows(identities=(7, -1))
-    found = read(tmp_path, extra=CAMERA_C + 'detections = "C.txt"', files={"C.txt": text, **TWO_AND_C})
+    files = {"C.txt": rows(identities=(7, -1)), **TWO_AND_C}
+    found = read(tmp_path, extra=CAMERA_C + 'detections = "C.txt"', files=files)
     assert found.observations["C"].boxes.identity.tolist() == [7, -1] * 10
-
-
-def test_tracks_go_before_detections(tmp_path):
     found = read(tmp_path, extra='detections = "C.txt"', files={"C.txt": DETECTIONS})
     assert (found.observations["B"].boxes.identity > 0).all()
     assert ("detections_unused", ("B",)) in [(notice.code, notice.cameras) for notice in found.findings]
@@ -75,23 +72,17 @@ def test_clocks_by_frame_rate(tmp_path, association, extra, clocks, noted):
     assert [notice.code for notice in found.findings] == ([noted] if noted else [])
 
 
-@pytest.mark.parametrize(
-    ("rates", "odd"),
-    [
-        ((25, 25, 25, 30), None),
-        ((25, 25, 25, 50), "D 0.8 s (frames 1 to 41 at 50 fps); the other cameras have about 1.6 s: check fps"),
-    ],
-)
-def test_a_frame_rate_that_contradicts_the_others_is_named(tmp_path, rates, odd):
-    names = ("A", "B", "C", "D")
+def test_a_frame_rate_that_contradicts_the_others_is_named(tmp_path):
+    names, odd = ("A", "B", "C", "D"), "D 0.8 s (frames 1 to 41 at 50 fps); the other cameras have about 1.6 s: check fps"
     scene = write_scene(tmp_path, names, association=COMBINED, files={f"{name}.txt": rows(41) for name in names})
-    text = scene.read_text()
-    for name, rate in zip(names, rates, strict=True):
-        text = text.replace(f'tracks = "{name}.txt"', f'tracks = "{name}.txt"\nfps = {rate}')
-    scene.write_text(text)
-    findings = read_inputs(Scene.load(scene)).findings
-    assert len(findings) == (odd is not None)
-    assert all(odd in text for text in texts_of(findings))
+    stated = scene.read_text()
+    for last, expected in ((30, []), (50, [odd])):
+        text = stated
+        for name, rate in zip(names, (25, 25, 25, last), strict=True):
+            text = text.replace(f'tracks = "{name}.txt"', f'tracks = "{name}.txt"\nfps = {rate}')
+        scene.write_text(text)
+        found = texts_of(read_inputs(Scene.load(scene)).findings)
+        assert [part for text, part in zip(found, expected, strict=True) if part not in text] == []
 
 
 def test_embeddings_stay_with_their_boxes(tmp_path):
@@ -104,9 +95,7 @@ def test_embeddings_stay_with_their_boxes(tmp_path):
         np.testing.assert_allclose(found.observations[name].boxes.embedding, looks(index), atol=1e-6)
     assert found.observations["B"].boxes.embedding is None
     assert ("embeddings_missing", ("B",)) in [(notice.code, notice.cameras) for notice in found.findings]
-
-
-def test_embeddings_follow_the_known_people_in_mode_given(tmp_path):
+    # In mode "given" they follow the people who are known.
     with_looks(tmp_path, "B", count=21)
     files = {"B.txt": "1,-1,9,9,9,9,1,-1,-1,-1\n" + rows()}
     found = read(tmp_path, association=GIVEN, extra='embeddings = "B.npz"', files=files)
@@ -146,13 +135,6 @@ def test_appearance_needs_embeddings(tmp_path):
     assert len(faults_of(caught.value)) == 1  # A's; who saw nobody needs none
 
 
-def test_a_camera_that_saw_nobody_is_told_and_the_others_go_on(tmp_path):
-    found = read(tmp_path, ("A", "B", "C"), files={"C.txt": ""})
-    assert (len(found.observations["C"].boxes), found.rig.names) == (0, ("A", "B", "C"))
-    (blind,) = [notice for notice in found.findings if notice.code == "camera_saw_nobody"]
-    assert (blind.cameras, blind.values["watched"]) == (("C",), False)
-
-
 @pytest.mark.parametrize(
     ("files", "told"),
     [
@@ -161,13 +143,17 @@ def test_a_camera_that_saw_nobody_is_told_and_the_others_go_on(tmp_path):
         ({"B.txt": None}, "no such file"),
     ],
 )
-def test_fewer_than_two_cameras_that_saw_anybody(tmp_path, files, told):
+def test_fewer_than_two_cameras_that_saw_anybody_are_an_error_and_one_of_three_is_a_finding(tmp_path, files, told):
     with pytest.raises(InputError, match=told) as caught:
         read(tmp_path, files=files)
     assert len(faults_of(caught.value)) == 1
+    found = read(tmp_path, ("A", "B", "C"), files={"C.txt": ""})
+    assert (len(found.observations["C"].boxes), found.rig.names) == (0, ("A", "B", "C"))
+    (blind,) = [notice for notice in found.findings if notice.code == "camera_saw_nobody"]
+    assert (blind.cameras, blind.values["watched"]) == (("C",), False)
 
 
-def test_check_tells_tracklets_and_detections(tmp_path, capsys):
+def test_check_shows_tracklets_detections_and_people_shared_at_the_same_time(tmp_path, capsys):
     with_looks(tmp_path, "B")
     files = {"B.txt": DETECTIONS, "C.txt": rows(identities=(8, 9, 10)), "D.txt": ""}
     extra = "[scene]\nfps = 2.5"
@@ -188,10 +174,25 @@ def test_check_tells_tracklets_and_detections(tmp_path, capsys):
     assert (report["mode"], report["cameras"][1]["embedding_dimensions"]) == ("combined", 4)
     assert all(camera["shared"] == {} and camera["fps"] == 2.5 for camera in report["cameras"])
 
-
-def test_check_counts_who_is_shared_at_the_same_time_not_the_same_number(tmp_path, capsys):
-    """Frame 1, 3, 5 of a camera of twice the rate are the frames 1, 2, 3 of the other."""
+    # Frames 1, 3, 5 of a camera of twice the rate are the frames 1, 2, 3 of the other.
     files = {"A.txt": rows(5), "B.txt": rows(9, (2, 3))}
     scene = write_scene(tmp_path, files=files, extra="fps = 20\n[scene]\nfps = 10")
     assert run(["check", str(scene), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["cameras"][0]["shared"] == {"B": {"people": 1, "sightings": 5}}
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("filmed")
+    film(puppets(1.0, 10.0, 2, 1), folder)
+    return folder
+
+
+@pytest.mark.parametrize(("fps", "odd"), [(10.0, False), (9.96, False), (10.04, False), (9.9, True), (10.1, True)])
+def test_another_rate_than_the_video_s_own_is_believed_and_reported(filmed, fps, odd):
+    path = scene_file(filmed, {"C1": "C1.mp4", "C2": "C2.mp4"}, extra=f"[scene]\nfps = {fps}")
+    found = read_camera(Scene.load(path), "C1").findings
+    values = {"video_fps": 10.0, "fps": fps}
+    assert [(one.code, one.cameras, values.items() <= one.values.items()) for one in found] == [
+        ("video_rate_differs", ("C1",), True)
+    ] * odd

@@ -1,13 +1,16 @@
-"""The scene file: what it means, and what is told of a wrong one."""
+"""The scene file: what it means, which error a wrong one is, and the heights that a stated population has."""
 
 import re
 import tomllib
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from passerby.common.errors import InputError
+from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 from passerby.interchange.storage.safe_parsing import faults_of
+from passerby.scene.scale_tables import ScaleTable
 from passerby.scene.scene import TABLES, Scene
 from passerby.scene.tables import AssociationTable, CameraTable
 from support.paths import DOCS
@@ -29,19 +32,18 @@ def load(tmp_path, text):
     return Scene.load(path)
 
 
-def test_the_smallest_scene(tmp_path):
+def test_the_smallest_scene_has_the_usual_settings(tmp_path):
     scene = load(tmp_path, CAMERAS)
     assert scene.name == "scene"
     assert (scene.association.mode, scene.solver.method, scene.fps_of("A")) == ("combined", "people", None)
     cues = scene.scale_cues()
     assert (cues.population.mean_m, cues.population.sd_m) == (1.72, 0.09)
     assert cues.people == cues.lengths == cues.distances == cues.camera_heights == ()
-
-
-def test_paths_are_relative_to_the_scene_file(tmp_path):
-    scene = load(tmp_path, CAMERAS)
     assert scene.resolve(scene.cameras["A"].intrinsics) == tmp_path / "rig.toml"
     assert str(scene.resolve(scene.cameras["B"].intrinsics)) == "/somewhere/rig.toml"
+    searched = {"": 5.0, "mode = 'trajectory'": 5.0, "mode = 'given'": 0.0, "mode = 'appearance'\nmax_offset_s = 12.5": 12.5}
+    for association, seconds in searched.items():
+        assert load(tmp_path, CAMERAS + f"[association]\n{association}").association.search_s == seconds
 
 
 def test_scale_cues(tmp_path):
@@ -63,14 +65,6 @@ camera_heights = [{ camera = "B", metres = 2.5, sd_m = 0.1 }]
     assert np.array_equal(cues.lengths[0].points["B"], [[5, 6], [7, 8]])
     assert (cues.distances[0].between, cues.distances[0].metres, cues.distances[0].sd_m) == (("A", "B"), 12, 0.05)
     assert (cues.camera_heights[0].camera, cues.camera_heights[0].metres, cues.camera_heights[0].sd_m) == ("B", 2.5, 0.1)
-
-
-@pytest.mark.parametrize(
-    ("association", "seconds"),
-    [("", 5.0), ("mode = 'trajectory'", 5.0), ("mode = 'given'", 0.0), ("mode = 'appearance'\nmax_offset_s = 12.5", 12.5)],
-)
-def test_how_far_clocks_are_searched(tmp_path, association, seconds):
-    assert load(tmp_path, CAMERAS + f"[association]\n{association}").association.search_s == seconds
 
 
 @pytest.mark.parametrize(
@@ -124,35 +118,52 @@ def test_how_far_clocks_are_searched(tmp_path, association, seconds):
         (None, r"1 camera is declared: a calibration needs two"),
     ],
 )  # fmt: skip
-def test_a_fault_names_file_key_value_and_mend(tmp_path, text, told):
+def test_a_fault_names_file_key_value_and_fix(tmp_path, text, told):
     with refused(told, tmp_path / "scene.toml"):
         load(tmp_path, CAMERAS + text if text is not None else CAMERAS.split("[cameras.B]")[0])
 
 
-@pytest.mark.parametrize(
-    ("text", "told"), [("[solver", "is not TOML"), ("cameras = 3", r"\[cameras\] is 3"), ("", r"\[cameras\]: is missing")]
-)
-def test_a_file_without_cameras_is_told(tmp_path, text, told):
-    with refused(told, tmp_path / "scene.toml"):
-        load(tmp_path, text)
-
-
-def test_all_faults_are_gathered(tmp_path):
+def test_a_file_without_cameras_is_an_error_and_all_faults_are_gathered(tmp_path):
+    for text, told in (("[solver", "is not TOML"), ("cameras = 3", r"\[cameras\] is 3"), ("", r"\[cameras\]: is missing")):
+        with refused(told, tmp_path / "scene.toml"):
+            load(tmp_path, text)
     with pytest.raises(InputError) as caught:
         load(tmp_path, CAMERAS + "[scene]\nfsp = 3\n[solver]\nmethod = 'magic'\n")
     assert len(faults_of(caught.value)) == 2
 
 
-def _keys(table):
-    return [field.alias or name for name, field in table.model_fields.items()]
-
-
 def test_every_key_is_documented():
     text = (DOCS / "reference" / "scene-file.md").read_text()
-    keys = {key for place, table in TABLES.items() if place for key in _keys(table)}
+    fields = [table.model_fields for place, table in TABLES.items() if place]
+    keys = {field.alias or name for own in fields for name, field in own.items()}
     assert {key for key in keys if not re.search(rf"\b{key}\b", text)} == set()
     for example in re.findall(r"```toml\n(.*?)```", (DOCS / "scene-file.md").read_text(), re.DOTALL):
         read = tomllib.loads(example)
         for table in read["cameras"].values():
             CameraTable.model_validate(table)
         AssociationTable.model_validate(read.get("association", {}))
+
+
+def heights(**stated):
+    table = ScaleTable.model_validate(stated)
+    return table.person_height_m, table.person_height_sd_m, table.person_height_mean_sd_m
+
+
+def test_children_are_smaller_and_mixed_people_differ_more():
+    children, mixed, adults = (heights(population=name) for name in ("children", "mixed", "adults"))
+    assert adults == heights() == (PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M, None)
+    assert children[0] < mixed[0] < adults[0]
+    assert mixed[1] > children[1] > adults[1]
+    assert mixed[0] == pytest.approx((children[0] + adults[0]) / 2, abs=0.005)
+    # Half of each: the spread between the two beside that within each of them.
+    within, between = (children[1] ** 2 + adults[1] ** 2) / 2, ((adults[0] - children[0]) / 2) ** 2
+    assert mixed[1] == pytest.approx((within + between) ** 0.5, abs=0.005)
+    # Among children of one age the sd is 6 cm, between ages 9 cm.
+    assert children[1] == pytest.approx((0.06**2 + 0.09**2) ** 0.5, abs=0.005)
+
+
+def test_a_stated_height_overrides_the_population_and_another_population_is_an_error():
+    assert heights(population="children", person_height_m=1.8) == (1.8, PERSON_HEIGHT_SD_M, None)
+    assert heights(population="children", person_height_sd_m=0.05) == (1.32, 0.05, 0.10)
+    with pytest.raises(ValidationError, match="'adults', 'children' or 'mixed'"):
+        heights(population="cats")

@@ -26,7 +26,7 @@ def video(tmp_path_factory):
 
 
 @pytest.fixture
-def scene(tmp_path):
+def two_videos(tmp_path):
     for name in ("A.mp4", "B.mp4"):
         written(tmp_path / name, 50)
     return Scene.load(scene_file(tmp_path, {"A": "A.mp4", "B": "B.mp4"}))
@@ -37,27 +37,27 @@ def filmed(video, seconds, size=(1920, 1080)):
     return [CameraInput(name, video=seen, awaiting=True) for name in ("A", "B")]
 
 
-def test_it_takes_no_longer_than_what_is_used_of_a_long_recording(video, scene):
-    minute, ten, hour = (foresee_time(scene, filmed(video, seconds), BACKGROUND) for seconds in (USED_S[0], 600.0, 3600.0))
+def test_a_calibration_takes_no_longer_than_what_is_used_of_a_long_recording(video, two_videos):
+    minute, ten, hour = (foresee_time(two_videos, filmed(video, seconds), BACKGROUND) for seconds in (USED_S[0], 600.0, 3600.0))
     assert minute[0] == ten[0] == hour[0]
     assert minute[1] < ten[1] == hour[1] < 1.1 * USED_S[1] / USED_S[0] * minute[1]
 
 
-def test_what_takes_longer_is_foreseen(video, scene):
-    usual = foresee_time(scene, filmed(video, 60.0), BACKGROUND)
+def test_more_work_takes_longer(video, two_videos):
+    usual = foresee_time(two_videos, filmed(video, 60.0), BACKGROUND)
     for inputs, perception in (
         (filmed(video, 60.0, (3840, 2160)), BACKGROUND),
         (filmed(video, 60.0), {"detector": {"network": "yolox-nano"}}),
         (filmed(video, 60.0), BACKGROUND | {"keypoints": {"network": "movenet-thunder"}}),
         ([replace(one, lens=Lens.unknown((1920, 1080))) for one in filmed(video, 60.0)], BACKGROUND),
     ):
-        assert all(longer > short for longer, short in zip(foresee_time(scene, inputs, perception), usual, strict=True))
-    assert foresee_time(scene, filmed(video, None), BACKGROUND) is None
+        assert all(longer > short for longer, short in zip(foresee_time(two_videos, inputs, perception), usual, strict=True))
+    assert foresee_time(two_videos, filmed(video, None), BACKGROUND) is None
 
 
-def test_boxes_take_as_long_as_there_are_many(tmp_path):
-    write_scene(tmp_path)
-    loaded = Scene.load(tmp_path / "scene.toml")
+def test_boxes_take_as_long_as_there_are_many_and_the_time_is_printed(tmp_path, capsys):
+    path = write_scene(tmp_path)
+    loaded = Scene.load(path)
 
     def boxes(count):
         frame = np.arange(count)
@@ -65,13 +65,9 @@ def test_boxes_take_as_long_as_there_are_many(tmp_path):
 
     few, many, more = (foresee_time(loaded, boxes(count), {}) for count in (10, 10_000, 10_000_000))
     assert few[1] < 10 < many[1] < more[1] < 120, "no more than so many are used"
-
-
-def test_it_is_printed_and_in_json(tmp_path, capsys):
-    write_scene(tmp_path)
-    status = run(["check", str(tmp_path / "scene.toml"), "--json"])
+    status = run(["check", str(path), "--json"])
     assert status != 2
     least, most = json.loads(capsys.readouterr().out)["time_s"]
     assert 0 < least < most
-    assert run(["check", str(tmp_path / "scene.toml")]) == status
+    assert run(["check", str(path)]) == status
     assert "a calibration takes about " in capsys.readouterr().out

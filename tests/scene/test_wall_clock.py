@@ -53,7 +53,7 @@ def scene(folder: Path, *cameras: str, span: str = "", name: str = "scene.toml",
     return folder / name
 
 
-def test_frames_count_from_one_second(folder):
+def test_frames_count_from_one_second_and_cameras_without_wall_times_are_a_finding(folder):
     loaded = Scene.load(scene(folder, "north", "south"))
     north, south = read_cameras(loaded)
     assert not north.faults + south.faults
@@ -61,9 +61,6 @@ def test_frames_count_from_one_second(folder):
     assert 1 <= first <= 1 + FPS
     assert later - first == 120 * FPS
     assert wall_clock_of(loaded, [north, south]).origin.text == "2026-11-22T08:05:00+00:00"
-
-
-def test_cameras_without_wall_times_are_told(folder):
     _, east = read_cameras(Scene.load(scene(folder, "north", "east")))
     assert next(iter(VideoReader(east.video))).number == 1
     (text,) = texts_of(east.findings)
@@ -82,7 +79,7 @@ def test_a_gap_makes_no_recording_long(folder: Path, tmp_path: Path) -> None:
 
 
 def test_a_fault_of_one_camera_is_all_that_is_said_of_it(folder: Path, tmp_path: Path) -> None:
-    """Whose files cannot be read, has neither a rate nor a wall time, which would only mislead."""
+    """A camera whose files cannot be read has neither a rate nor a wall time, and to say so would only mislead."""
     for camera in ("north", "south"):
         film(frigate(tmp_path, camera, 0), 20, COLOURS[camera])
     found = check_scene(scene(tmp_path, "north", "south", south='"recordings/*/*/sauth/*.mp4"'))
@@ -117,38 +114,6 @@ def test_a_span_of_wall_time(folder, span):
     clock = wall_clock_of(loaded, [north, south])
     assert clock.origin.seconds == clock.first.seconds == BEGIN + 303
     assert VideoReader(south.video).info.seconds == pytest.approx(10.0, abs=1.0)
-
-
-@pytest.mark.parametrize(
-    ("span", "why"),
-    [
-        ('from = "09:00"\nuntil = "08:00"', "is not before until"),
-        ('from = "08:00"\nuntil = "2026-11-22 09:00"', "both have a date"),
-        ('from = "soon"', "'soon' is no time"),
-        ("from = 8", "8 is no time"),
-        ('from = "08:00"\nfrom_s = 3', "'from_s': did you mean 'from'"),
-    ],
-)
-def test_spans_that_are_none(folder: Path, span: str, why: str) -> None:
-    with pytest.raises(InputError, match=why):
-        Scene.load(scene(folder, "north", "south", span=span))
-
-
-@pytest.mark.parametrize(
-    ("span", "why"),
-    [
-        ('from = "11:00"\nuntil = "12:00"', "show nothing of that time: their files begin from 2026-11-22T08:05:00"),
-        ('from = "2026-11-21 11:00"\nuntil = "2026-11-21 12:00"', "has no file in the span"),
-    ],
-)
-def test_spans_with_nothing_in_them(folder, span, why):
-    assert any(why in fault for fault in check_scene(scene(folder, "north", "south", span=span)).faults)
-
-
-def test_a_span_needs_wall_times(folder: Path) -> None:
-    (folder / "west.mp4").write_bytes((folder / "east.mp4").read_bytes())
-    path = scene(folder, "east", "north", span='from = "08:00"', north='"west.mp4"')
-    assert any("no camera's files tell their wall times" in fault for fault in check_scene(path).faults)
 
 
 def test_a_time_of_day_on_two_days_needs_a_date(folder: Path, tmp_path: Path) -> None:
@@ -187,11 +152,6 @@ def test_check_shows_pieces_and_pictures(folder: Path, capsys: pytest.CaptureFix
     run(["check", str(path)])
 
 
-def test_two_cameras_with_one_piece_in_common(folder: Path) -> None:
-    path = scene(folder, "north", "south", south='["recordings/*/*/south/*.mp4", "recordings/*/*/north/05.04.mp4"]')
-    assert any("05.04.mp4 is camera north's too" in fault for fault in check_scene(path).faults)
-
-
 @pytest.mark.parametrize(
     ("keys", "why"),
     [
@@ -199,16 +159,37 @@ def test_two_cameras_with_one_piece_in_common(folder: Path) -> None:
         ('video_names = "%Y%m%d%H%M%S.mp4"\nvideo_times = "t.csv"', "delete one"),
         ("video = []", "a path, a pattern or a list"),
         ('video = ["rtsp://user:secret@host/1"]', "address of a stream"),
+        ('from = "09:00"\nuntil = "08:00"', "is not before until"),
+        ('from = "08:00"\nuntil = "2026-11-22 09:00"', "both have a date"),
+        ('from = "soon"', "'soon' is no time"),
+        ("from = 8", "8 is no time"),
+        ('from = "08:00"\nfrom_s = 3', "'from_s': did you mean 'from'"),
     ],
 )
-def test_keys_that_contradict(folder: Path, keys: str, why: str) -> None:
-    path = scene(folder, "north", "south")
+def test_keys_that_contradict_and_spans_that_are_none_are_errors(folder: Path, keys: str, why: str) -> None:
+    path = scene(folder, "north", "south", span=keys if keys.startswith("from") else "")
     text = path.read_text()
     if keys.startswith("video ="):
         text = text.replace('video = "recordings/*/*/south/*.mp4"', keys)
-    else:
+    elif keys.startswith("video_"):
         text += keys
     path.write_text(text)
     with pytest.raises(InputError, match=why) as raised:
         Scene.load(path)
     assert "secret" not in str(raised.value)
+
+
+def test_what_the_files_contradict_is_a_fault(folder: Path) -> None:
+    """Spans in which nothing was filmed, a span without wall times, and a piece of two cameras."""
+    (folder / "west.mp4").write_bytes((folder / "east.mp4").read_bytes())
+    shared = '["recordings/*/*/south/*.mp4", "recordings/*/*/north/05.04.mp4"]'
+    for path, why in (
+        (scene(folder, "north", "south", name="1.toml", span='from = "11:00"\nuntil = "12:00"'),
+         "show nothing of that time: their files begin from 2026-11-22T08:05:00"),
+        (scene(folder, "north", "south", name="2.toml", span='from = "2026-11-21 11:00"\nuntil = "2026-11-21 12:00"'),
+         "has no file in the span"),
+        (scene(folder, "east", "north", name="3.toml", span='from = "08:00"', north='"west.mp4"'),
+         "no camera's files tell their wall times"),
+        (scene(folder, "north", "south", name="4.toml", south=shared), "05.04.mp4 is camera north's too"),
+    ):  # fmt: skip
+        assert any(why in fault for fault in check_scene(path).faults)

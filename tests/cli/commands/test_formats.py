@@ -83,25 +83,22 @@ def calibrated(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["ply", "gltf", "glb"])
-def test_an_output_folders_people_go_along_unasked(calibrated, tmp_path, capsys, form):
-    asked, unasked, rig_only = (tmp_path / f"{name}.{form}" for name in ("asked", "unasked", "rig"))
-    command = ["export", "--format", form, "--lossy", "--name", "x"]
-    assert run([*command, str(calibrated), "-o", str(asked), "--tracks", str(calibrated)]) == 0
-    assert run([*command, str(calibrated), "-o", str(unasked)]) == 0
-    assert run([*command, str(calibrated / "rig.toml"), "-o", str(rig_only)]) == 0
-    assert asked.read_bytes() == unasked.read_bytes()
-    assert len(rig_only.read_bytes()) < len(unasked.read_bytes())
-    assert "no people" not in capsys.readouterr().err
-    for given in (str(calibrated), passerby.read_calibration(calibrated)):
-        passerby.export_rig(given, form, tmp_path / f"python.{form}", name="x", lossy=True)
-        assert (tmp_path / f"python.{form}").read_bytes() == asked.read_bytes()
-    passerby.export_rig(passerby.read_rig(calibrated / "rig.toml"), form, tmp_path / f"python.{form}", name="x", lossy=True)
-    assert (tmp_path / f"python.{form}").read_bytes() == rig_only.read_bytes()
-
-
-@pytest.mark.slow
-def test_a_calibrations_people_are_drawn_too(calibrated, tmp_path):
+def test_the_people_of_a_calibration_are_drawn_unasked(calibrated, tmp_path, capsys):
+    for form in ("ply", "gltf", "glb"):
+        asked, unasked, rig_only, python = (tmp_path / f"{name}.{form}" for name in ("asked", "unasked", "rig", "python"))
+        command = ["export", "--format", form, "--lossy", "--name", "x"]
+        assert run([*command, str(calibrated), "-o", str(asked), "--tracks", str(calibrated)]) == 0
+        assert run([*command, str(calibrated), "-o", str(unasked)]) == 0
+        assert run([*command, str(calibrated / "rig.toml"), "-o", str(rig_only)]) == 0
+        assert asked.read_bytes() == unasked.read_bytes()
+        assert len(rig_only.read_bytes()) < len(unasked.read_bytes())
+        assert "no people" not in capsys.readouterr().err
+        for given, same in (
+            (str(calibrated), asked), (passerby.read_calibration(calibrated), asked),
+            (passerby.read_rig(calibrated / "rig.toml"), rig_only),
+        ):  # fmt: skip
+            passerby.export_rig(given, form, python, name="x", lossy=True)
+            assert python.read_bytes() == same.read_bytes()
     fresh = passerby.calibrate(calibrated.parent / "scene" / "scene.toml")
     passerby.export_rig(fresh, "ply", tmp_path / "fresh.ply", lossy=True)
     passerby.export_rig(fresh.rig, "ply", tmp_path / "rig.ply", lossy=True)
@@ -110,7 +107,7 @@ def test_a_calibrations_people_are_drawn_too(calibrated, tmp_path):
     assert "no people are drawn: " in passerby.export_rig(lost, "ply", tmp_path / "lost.ply", lossy=True)[-1]
 
 
-def test_people_that_cannot_be_followed_are_told(calibrated, tmp_path, capsys):
+def test_an_export_notes_that_no_people_can_be_drawn(calibrated, tmp_path, capsys):
     """A folder without boxes, as of a calibration by keypoints, is still exported."""
     out = tmp_path / "out"
     shutil.copytree(calibrated, out)
@@ -138,7 +135,7 @@ def test_people_that_cannot_be_followed_are_told(calibrated, tmp_path, capsys):
         (["formats", "colmpa"], "did you mean 'colmap'?"),
     ],
 )
-def test_one_line_tells_what_is_wrong(rig, tmp_path, monkeypatch, capsys, arguments, told):
+def test_a_wrong_format_or_option_is_one_line_of_error(rig, tmp_path, monkeypatch, capsys, arguments, told):
     monkeypatch.chdir(tmp_path)
     assert run([str(rig) if word == "RIG" else word for word in arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 import typer
-from typer.testing import CliRunner
 
 from passerby.cli.commands.init import init
+from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.interchange.rig_toml import read_lens, read_rig
 from passerby.interchange.video_writer import VideoWriter
@@ -87,7 +87,7 @@ def images(folder, count=3):
         cv2.imwrite(str(folder / f"{number:06d}.jpg"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
 
 
-def test_videos_and_a_rig_file(folder, capsys):
+def test_videos_and_a_rig_file_become_a_scene_that_a_command_writes_too(folder, tmp_path, capsys):
     place = folder("videos/cam1.mp4", "videos/cam2.mp4", "videos/cam10.mp4")
     (place / "rig.toml").write_text(rig("cam1", "cam2", "cam10"))
     scene = started(place)
@@ -99,6 +99,27 @@ def test_videos_and_a_rig_file(folder, capsys):
     out = told(capsys)
     assert re.search(r"cam1 +videos/cam1.mp4 +64 x 48 +25 +0.4 s +h264 +found", out)
     assert f"1. passerby check {place}/scene.toml\n  2. passerby calibrate {place}/scene.toml -o out" in out
+    assert run(["init", str(place), "-o", str(tmp_path / "my scene.toml"), "--force"]) == 0
+    assert f"passerby check '{tmp_path}/my scene.toml'" in told(capsys)
+
+
+def test_the_rig_file_that_serves_most_cameras_is_taken_and_the_others_are_named(folder, capsys):
+    place = folder("a.mp4", "b.mp4", "c.mp4")
+    for name, cameras, focal in (("calib", "ab", 50.0), ("other", "abc", 60.0), ("rig", "abc", 70.0)):
+        (place / f"{name}.toml").write_text(rig(*cameras, focal=focal))
+    assert {lens.focal for lens in lenses(started(place)).values()} == {70}
+    for name in ("calib", "other"):
+        (place / f"{name}.toml").unlink()
+    (place / "rig.toml").write_text(rig("c0", "c1"))
+    (place / "broken.toml").write_text("[")
+    # A template with FX and FY, as earlier versions wrote it.
+    (place / "intrinsics.toml").write_text(rig("a").replace("60.0", '"FX"', 1))
+    init(place, force=True)
+    out = told(capsys)
+    assert "rig.toml: c0, c1 cannot be matched with the cameras a, b, c" in out
+    assert "broken.toml: is not TOML" in out
+    assert re.search(r"a +a.mp4 .* INCOMPLETE\n", out)
+    assert re.search(r"b +b.mp4 .* estimated\n", out)
 
 
 @pytest.mark.parametrize("names", [("Cam 1 (left).MP4", 'it\'s "2" [x].mov'), ("1/a.mp4", "2/b.mkv")])
@@ -136,44 +157,18 @@ def test_without_intrinsics_they_are_estimated(folder, capsys):
     assert re.search(r"cam1 .* found\n(.*\n)?cam2 .* estimated\n", told(capsys))
 
 
-def test_intrinsics_that_are_not_filled_in_are_asked_for(folder, capsys):
-    """A template with FX and FY, as earlier versions wrote it."""
-    place = folder("cam1.mp4", "cam2.mp4")
-    (place / "intrinsics.toml").write_text(rig("cam1", "cam2").replace("60.0", '"FX"', 1))
-    init(place)
-    out = told(capsys)
-    assert re.search(r"cam1 .* INCOMPLETE\n", out)
-    assert re.search(r"cam2 .* found\n", out)
-
-
-def test_cameras_are_called_as_in_the_rig_file(folder, capsys):
-    place = folder("walk-cam1.mp4", "walk-cam2.mp4")
-    (place / "calibration").mkdir()
-    (place / "calibration" / "Calib.toml").write_text(rig("int_cam_01", "int_cam_02"))
-    (place / "Config.toml").write_text("[project]\nframe_rate = 30\n")
-    scene = started(place)
+def test_cameras_are_called_as_in_the_rig_file_and_tables_that_no_camera_can_be_called_as_are_copied(folder, capsys):
+    place = folder("a/walk-cam1.mp4", "a/walk-cam2.mp4", "b/Cam 1 (left).mp4", "b/Cam 2 (right).mp4")
+    (place / "a" / "calibration").mkdir()
+    (place / "a" / "calibration" / "Calib.toml").write_text(rig("int_cam_01", "int_cam_02"))
+    (place / "a" / "Config.toml").write_text("[project]\nframe_rate = 30\n")
+    scene = started(place / "a")
     assert videos(scene) == {"int_cam_01": "walk-cam1.mp4", "int_cam_02": "walk-cam2.mp4"}
     assert len(lenses(scene)) == 2
     assert "camera cam1 is called int_cam_01" in told(capsys)
-
-
-def test_rig_files_that_cannot_be_matched_are_told(folder, capsys):
-    place = folder("cam1.mp4", "cam2.mp4")
-    (place / "rig.toml").write_text(rig("c0", "c1"))
-    (place / "broken.toml").write_text("[")
-    init(place)
-    out = told(capsys)
-    assert "rig.toml: c0, c1 cannot be matched with the cameras cam1, cam2" in out
-    assert "broken.toml: is not TOML" in out
-    assert "estimated" in out
-
-
-def test_tables_that_no_camera_can_be_called_as_are_copied(folder):
-    place = folder("Cam 1 (left).mp4", "Cam 2 (right).mp4")
-    (place / "rig.toml").write_text(rig('"1 (left)"', '"2 (right)"', focal=70.0))
-    found = lenses(started(place))
-    assert {name: lens.focal for name, lens in found.items()} == {"1 left": 70, "2 right": 70}
-    assert read_rig(place / "intrinsics.toml").metadata == {"source": "rig.toml"}
+    (place / "b" / "rig.toml").write_text(rig('"1 (left)"', '"2 (right)"', focal=70.0))
+    assert {name: lens.focal for name, lens in lenses(started(place / "b")).items()} == {"1 left": 70, "2 right": 70}
+    assert read_rig(place / "b" / "intrinsics.toml").metadata == {"source": "rig.toml"}
 
 
 @pytest.mark.parametrize(
@@ -226,16 +221,10 @@ def test_a_lens_of_another_size(folder, capsys, size, state, what):
     Scene.load(place / "scene.toml")
 
 
-def test_the_rig_file_that_serves_most_cameras_is_taken(folder):
-    place = folder("a.mp4", "b.mp4", "c.mp4")
-    for name, cameras, focal in (("calib", "ab", 50.0), ("other", "abc", 60.0), ("rig", "abc", 70.0)):
-        (place / f"{name}.toml").write_text(rig(*cameras, focal=focal))
-    assert {lens.focal for lens in lenses(started(place)).values()} == {70}
-
-
-def test_what_is_left_out_is_told(folder, capsys):
+def test_videos_that_are_left_out_are_named(folder, capsys):
     place = folder("cam1.mp4", "cam2.mp4", "cam2.avi", ".cam4.mp4", "old/cam1.mp4")
     (place / "cam5.ts").write_text("export const a = 1\n" * 100)
+    images(place / "pictures" / "front")
     assert list(started(place).cameras) == ["cam1", "cam2"]
     out = told(capsys)
     for said in ("cam5.ts: is text, not a video", "1 hidden video", "taken to be a copy of cam2.avi", f"videos in {place}/old"):
@@ -243,7 +232,7 @@ def test_what_is_left_out_is_told(folder, capsys):
 
 
 def test_a_video_that_cannot_be_read_stays_a_camera(folder, capsys):
-    """So that nobody calibrates without it by mistake: `init` ends with 2, and `check` reports the file."""
+    """So that no calibration leaves it out by mistake: `init` ends with 2, and `check` reports the file."""
     place = folder("cam1.mp4", "cam2.mp4")
     (place / "cam3.mp4").write_bytes(b"")
     with pytest.raises(typer.Exit) as ended:
@@ -279,43 +268,42 @@ def test_which_folders_are_cameras(folder, capsys, names, expected, told):
 @pytest.mark.parametrize(
     ("files", "said"),
     [({}, "neither it nor a folder in it"), ({"a.mp4": None}, "holds only one camera"),
-     ({"a.mp4": b"", "b.mp4": b"no video"}, r"neither it nor .*a.mp4: holds 0 bytes")],
+     ({"a.mp4": b"", "b.mp4": b"no video"}, r"neither it nor .*a.mp4: holds 0 bytes"),
+     *(({f"{place}/{number:06d}.jpg": b"" for number in range(3)},
+        r"holds 3 images of one camera \(.*000000.jpg, ...\) and no video: give the folder")
+       for place in (".", "front", "pictures/front"))],
 )  # fmt: skip
-def test_too_few_videos(tmp_path, clip, files, said):
+def test_too_few_cameras_are_an_error(tmp_path, clip, files, said):
     place = tmp_path / "shoot"
     place.mkdir()
     for name, content in files.items():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).write_bytes(clip.read_bytes() if content is None else content)
     for path, told in ((place, said), (tmp_path / "none", "no such folder"), (clip, "is a file: give the folder")):
         with refused(told, path):
             init(path)
-    assert not (place / "scene.toml").exists()
+    assert not list(place.rglob("scene.toml"))
 
 
-def test_a_scene_file_elsewhere(folder, tmp_path, monkeypatch):
+def test_a_scene_file_elsewhere_finds_the_videos_and_the_intrinsics_beside_it(folder, tmp_path, monkeypatch, capsys):
     place = folder("a.mp4", "b.mp4")
-    (place / "rig.toml").write_text(rig("a", "b"))
     (tmp_path / "linked").symlink_to(tmp_path / "deep" / "er")
     (tmp_path / "deep" / "er").mkdir(parents=True)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "intrinsics.toml").write_text(rig("a", "b"))
+    init(place, tmp_path / "elsewhere" / "my.toml")
+    assert len(re.findall(r"[ab] .* found\n", told(capsys))) == 2
+    assert sorted(path.name for path in (tmp_path / "elsewhere").iterdir()) == ["intrinsics.toml", "my.toml"]
+    (place / "rig.toml").write_text(rig("a", "b"))
+    init(place, tmp_path / "linked" / "my.toml")
     for out in ("elsewhere/my.toml", "linked/my.toml"):
-        init(place, tmp_path / out)
         scene = Scene.load(tmp_path / out)
         assert all(scene.resolve(table.video).is_file() for table in scene.cameras.values())
-        assert len(lenses(scene)) == 2
+        assert {lens.focal for lens in lenses(scene).values()} == {60}
     assert not (place / "scene.toml").exists()
     monkeypatch.chdir(place)
     scene = started(place.relative_to(place))
     assert (videos(scene), Scene.load(place / "scene.toml").name) == ({"a": "a.mp4", "b": "b.mp4"}, "shoot")
-
-
-def test_intrinsics_beside_a_scene_file_elsewhere_are_found(folder, tmp_path, capsys):
-    place, out = folder("a.mp4", "b.mp4"), tmp_path / "elsewhere" / "scene.toml"
-    out.parent.mkdir()
-    out.with_name("intrinsics.toml").write_text(rig("a", "b"))
-    init(place, out)
-    assert len(re.findall(r"[ab] .* found\n", told(capsys))) == 2
-    assert {lens.focal for lens in lenses(Scene.load(out)).values()} == {60}
-    assert sorted(path.name for path in out.parent.iterdir()) == ["intrinsics.toml", "scene.toml"]
 
 
 def test_nothing_is_overwritten(folder):
@@ -337,8 +325,6 @@ def test_nothing_is_overwritten(folder):
 
 
 MINUTES = [f"2024-05-01_10-{minute:02d}-00.mp4" for minute in range(3)]
-
-
 FRIGATE = [
     f"recordings/2024-05-01/{hour}/{camera}/{second}.mp4"
     for hour in (13, 14)
@@ -369,38 +355,22 @@ def test_pieces_of_recordings_are_cameras(folder, capsys, names, below, expected
     assert [len(reading.video.files) for reading in readings] == [3, 3]
 
 
-def test_a_part_of_long_recordings_is_proposed(folder, capsys):
+def test_a_part_of_long_recordings_is_proposed_and_pieces_of_one_camera_are_not_enough(folder, capsys):
     hours = [name.replace("/14/", "/16/") for name in FRIGATE]
     hours += [f"recordings/2024-05-01/16/{camera}/40.00.mp4" for camera in ("front", "back yard")]
-    scene = started(folder(*hours))
+    place = folder(*hours)
+    scene = started(place)
     assert (str(scene.scene.from_), str(scene.scene.until)) == ("2024-05-01 16:00:00", "2024-05-01 16:15:00")
     assert "too few images can be looked at: choose a time with many people" in told(capsys)
-
-
-@pytest.mark.parametrize(
-    ("names", "below"),
-    [(MINUTES, ""), ([f"videos/{name}" for name in MINUTES], ""), (FRIGATE, "recordings/2024-05-01/13/front")],
-)
-def test_pieces_of_one_camera_are_not_enough(folder, names, below):
-    place = folder(*names) / below
-    with refused(r"holds pieces of one camera's recording .* in a row", "in a folder of its own"):
-        init(place)
-    assert not list(place.rglob("*.toml"))
-
-
-def test_cameras_whose_names_are_times_are_cameras(folder):
-    """Phones that filmed together: their videos overlap."""
-    place = folder("VID_20240501_100000.mp4", "VID_20240501_100000_1.mp4", "PXL_20240501_100000123.mp4")
-    assert len(started(place).cameras) == 3
-
-
-@pytest.mark.parametrize("place", ["", "front", "pictures/front"])
-def test_images_of_one_camera_are_not_enough(folder, place):
-    shoot = folder()
-    images(shoot / place)
-    with pytest.raises(InputError, match=r"holds 3 images of one camera \(.*000000.jpg, ...\) and no video: give the folder"):
-        init(shoot)
-    assert list(started(folder("a.mp4", "b.mp4")).cameras) == ["a", "b"]
+    folder(*(f"minutes/{name}" for name in MINUTES), *(f"below/videos/{name}" for name in MINUTES))
+    for below in ("minutes", "below", "recordings/2024-05-01/13/front"):
+        with refused(r"holds pieces of one camera's recording .* in a row", "in a folder of its own"):
+            init(place / below)
+        assert not list((place / below).rglob("*.toml"))
+    # Phones that filmed together: their videos overlap.
+    phones = ("VID_20240501_100000.mp4", "VID_20240501_100000_1.mp4", "PXL_20240501_100000123.mp4")
+    folder(*(f"phones/{name}" for name in phones))
+    assert len(started(place / "phones").cameras) == 3
 
 
 @pytest.mark.parametrize("above", ["", "images/"])
@@ -418,7 +388,7 @@ def test_images_of_two_cameras_are_cameras(tmp_path, capsys, above):
     assert [len(reading.video.files) for reading in read_cameras(scene)] == [3, 3]
 
 
-def test_what_the_metadata_of_the_videos_say(tmp_path, capsys):
+def test_the_metadata_of_the_videos_are_used_or_suggested(tmp_path, capsys):
     """A focal length is used as it is; one device twice is a suggestion."""
     phone = {"make": "Google", "model": "Pixel 8"}
     for name, metadata in (("a", phone), ("b", phone), ("c", {**phone, FOCAL: "24"}), ("d", {})):
@@ -443,15 +413,16 @@ def test_what_the_metadata_of_the_videos_say(tmp_path, capsys):
     assert '#lens = "same as b"' in path.read_text()
 
 
-def test_boxes_without_videos(tmp_path, capsys):
+def test_boxes_without_videos_and_beside_one(folder, tmp_path, capsys):
+    place = tmp_path / "boxes"
     for key, ending in (("detections", "txt"), ("keypoints", "json")):
-        (tmp_path / key).mkdir()
+        (place / key).mkdir(parents=True)
         for name in ("north", "gate"):
-            (tmp_path / key / f"{name}.{ending}").write_text("")
-    init(tmp_path)
+            (place / key / f"{name}.{ending}").write_text("")
+    init(place)
     out = told(capsys)
     assert "camera north: replace WIDTH and HEIGHT by the size of the images in which its people were detected" in out
-    path = tmp_path / "scene.toml"
+    path = place / "scene.toml"
     with pytest.raises(InputError, match=r"image_size"):
         Scene.load(path)
     path.write_text(path.read_text().replace('["WIDTH", "HEIGHT"]', "[640, 480]"))
@@ -460,8 +431,6 @@ def test_boxes_without_videos(tmp_path, capsys):
     assert scene.cameras["gate"].keypoints.as_posix() == "keypoints/gate.json"
     assert scene.cameras["gate"].image_size == (640, 480)
 
-
-def test_one_video_and_boxes_of_other_cameras(folder, capsys):
     place = folder("V1.mp4")
     (place / "detections").mkdir()
     for name in ("V1", "V2"):
@@ -487,12 +456,3 @@ def test_names_that_a_file_can_have(folder, capsys):
     assert all(scene.resolve(table.video).is_file() for table in scene.cameras.values())
     assert read_lens(scene.resolve(scene.cameras["x y"].intrinsics), "x y").focal == 60
     assert r"'\udcff.mp4'" in told(capsys)
-
-
-def test_as_a_command(folder, tmp_path):
-    place = folder("a.mp4", "b.mp4")
-    app = typer.Typer()
-    app.command()(init)
-    result = CliRunner().invoke(app, [str(place), "-o", str(tmp_path / "my scene.toml"), "--force"])
-    assert result.exit_code == 0, result.output
-    assert f"passerby check '{tmp_path}/my scene.toml'" in result.output

@@ -37,24 +37,12 @@ def lines(text):
     return [" ".join(line.split()) for line in text.splitlines()]
 
 
-def test_list(server, run, cache):
+def test_the_list_says_where_each_model_is(server, run, cache, tmp_path):
     assert set(lines(run("list"))) >= {
         "joints keypoints 25.1 MB Apache-2.0 not here", "tiny detector 0.3 MB Apache-2.0 auto not here", f"searched in {cache}",
     }  # fmt: skip
     run("fetch")
     assert f"tiny detector 0.3 MB Apache-2.0 auto {cache / 'tiny.onnx'}" in lines(run("list"))
-
-
-def test_a_group_without_a_verb_lists_the_models_or_shows_its_help(server, run, capsys):
-    assert run() == run("list")
-    for group, said in (("models", "tiny"), ("reid", "finetune")):
-        assert cli.run([group]) == 0
-        told = capsys.readouterr()
-        assert said in told.out
-        assert not told.err
-
-
-def test_list_as_json(server, run, cache, tmp_path):
     folder = tmp_path / "models"
     folder.mkdir()
     (folder / "tiny.onnx").write_bytes(BODY)
@@ -64,6 +52,15 @@ def test_list_as_json(server, run, cache, tmp_path):
     assert tiny["path"] == str(folder / "tiny.onnx")
     assert (tiny["sha256"], tiny["bytes"], tiny["url"], tiny["default"]) == (SHA256, len(BODY), server.url, True)
     assert (joints["path"], joints["url"], joints["role"]) == (None, None, "keypoints")
+
+
+def test_a_group_without_a_verb_lists_the_models_or_shows_its_help(server, run, capsys):
+    assert run() == run("list")
+    for group, said in (("models", "tiny"), ("reid", "finetune")):
+        assert cli.run([group]) == 0
+        told = capsys.readouterr()
+        assert said in told.out
+        assert not told.err
 
 
 def test_fetch_what_auto_means_or_all_that_can_be_had(server, run, cache):
@@ -91,7 +88,7 @@ def test_fetch_what_cannot_be_had(server, run, monkeypatch, arguments, offline, 
         run("fetch", *arguments)
 
 
-def test_verify(server, run, cache, capsys):
+def test_verify_sees_every_copy(server, run, cache, tmp_path, capsys):
     assert json.loads(run("verify", "--json")) == {"checked": [], "absent": ["tiny", "second", "joints"]}
     run("fetch", "--all")
     right = f"tiny right {cache / 'tiny.onnx'}"
@@ -101,14 +98,11 @@ def test_verify(server, run, cache, capsys):
         run("verify")
     assert caught.value.exit_status == 2
     assert {right, f"second WRONG {cache / 'second.onnx'}"} <= set(lines(capsys.readouterr().out))
-
-
-def test_verify_sees_every_copy(server, run, cache, tmp_path, capsys):
     folder = tmp_path / "models"
     folder.mkdir()
     (folder / "tiny.onnx").write_bytes(BODY)
-    cache.mkdir(parents=True)
     (cache / "tiny.onnx").write_bytes(b"")
+    (cache / "second.onnx").unlink()
     with pytest.raises(InputError, match=str(cache / "tiny.onnx")):
         run("verify", "--json", "--models", str(folder))
     assert [item["right"] for item in json.loads(capsys.readouterr().out)["checked"]] == [True, False]

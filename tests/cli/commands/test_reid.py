@@ -43,12 +43,12 @@ def answer(capsys, *arguments, status=0):
     return capsys.readouterr()
 
 
-def same_figures(found, wanted):
+def assert_same_figures(found, wanted):
     """ONNX Runtime adds up in another order than PyTorch; ranks of these few pictures do not turn by that."""
     assert found.keys() == wanted.keys()
     for name, figure in wanted.items():
         if isinstance(figure, dict):
-            same_figures(found[name], figure)
+            assert_same_figures(found[name], figure)
         else:
             assert found[name] == pytest.approx(figure, abs=1e-9), name
 
@@ -56,16 +56,24 @@ def same_figures(found, wanted):
 @pytest.mark.system
 @pytest.mark.usefixtures("one_thread")
 def test_from_pictures_to_a_network(court, config, tmp_path, capsys):
+    """The figures of the last epoch are those of `evaluate`, and those of the exported network."""
     folder, net = tmp_path / "run", tmp_path / "net.onnx"
+
+    def evaluated(what):
+        return json.loads(answer(capsys, "reid", "evaluate", what, court, "--json").out)["sets"]["court"]
+
+    assert evaluated("stripes")["plain"]["queries"] == 12
     train = ("reid", "train", court, "-o", folder, "--recipe", "small", "--config", config, "--seed", 2, "--device", "cpu")
-    told = json.loads(answer(capsys, *train, "--json").out)
+    printed = answer(capsys, *train, "--json", "-v")
+    epochs = [line.split(":")[0] for line in printed.err.splitlines() if line.startswith("epoch")]
+    assert epochs == ["epoch 1", "epoch 2", "epoch 3"]
+    told = json.loads(printed.out)
     assert (told["people"], told["pictures"], told["resumed_after"]) == (6, 24, 0)
-    assert told["options"]["seed"] == 2
-    assert told["options"]["backbone"] == "small"
-    assert told["last"]["epoch"] == 3
+    assert (told["options"]["seed"], told["options"]["backbone"], told["last"]["epoch"]) == (2, "small", 3)
     assert {path.name for path in folder.iterdir()} >= {"run.toml", "checkpoint.pt", "log.csv", "curves.html"}
-    by_run = json.loads(answer(capsys, "reid", "evaluate", folder, court, "--json").out)["sets"]["court"]
+    by_run = evaluated(folder)
     assert by_run["plain"]["queries"] == 12
+    assert {key: by_run["plain"][key] for key in ("rank_1", "map")} == {key: told["last"][key] for key in ("rank_1", "map")}
     figures = answer(capsys, "reid", "evaluate", folder / "checkpoint.pt", court).out
     assert "court, plain" in figures
     assert "court, centred" in figures
@@ -73,34 +81,11 @@ def test_from_pictures_to_a_network(court, config, tmp_path, capsys):
     report = json.loads(answer(capsys, "reid", "export", folder, "-o", net, "--data", court, "--json").out)
     assert report["real"]["pictures"] > 0
     assert report["real"]["same_ranking"]
-    by_onnx = json.loads(answer(capsys, "reid", "evaluate", net, court, "--json").out)["sets"]["court"]
-    same_figures(by_onnx, by_run)
+    assert_same_figures(evaluated(net), by_run)
 
     again = answer(capsys, *train)
     assert "continues after epoch 3 of 3" in again.out
     assert f"written to {folder}" in again.out
-
-
-@pytest.mark.system
-@pytest.mark.usefixtures("one_thread")
-def test_the_figures_of_the_last_epoch_are_those_of_evaluate(court, config, tmp_path, capsys):
-    folder = tmp_path / "run"
-    train = ("reid", "train", court, "-o", folder, "--recipe", "small", "--config", config, "--device", "cpu", "--json", "-v")
-    printed = answer(capsys, *train)
-    assert [line.split(":")[0] for line in printed.err.splitlines() if line.startswith("epoch")] == [
-        "epoch 1",
-        "epoch 2",
-        "epoch 3",
-    ]
-    last = json.loads(printed.out)["last"]
-    score = json.loads(answer(capsys, "reid", "evaluate", folder, court, "--json").out)["sets"]["court"]["plain"]
-    assert score["rank_1"] == last["rank_1"]
-    assert score["map"] == last["map"]
-
-
-def test_stripes_are_evaluated_without_a_run(court, capsys):
-    score = json.loads(answer(capsys, "reid", "evaluate", "stripes", court, "--json").out)["sets"]["court"]["plain"]
-    assert score["queries"] == 12
 
 
 @pytest.mark.system
@@ -120,7 +105,7 @@ def test_stripes_are_evaluated_without_a_run(court, capsys):
     ],
     ids=lambda value: value if isinstance(value, str) else value[0],
 )
-def test_one_line_says_what_is_wrong(court, tmp_path, capsys, arguments, told):
+def test_a_wrong_option_or_file_is_one_line_of_error(court, tmp_path, capsys, arguments, told):
     filled = [one.format(court=court, out=tmp_path) for one in arguments]
     printed = answer(capsys, "reid", *filled, status=2)
     *notes, last = printed.err.splitlines()
@@ -133,25 +118,19 @@ def test_one_line_says_what_is_wrong(court, tmp_path, capsys, arguments, told):
 
 @pytest.mark.system
 @pytest.mark.parametrize("command", ["train", "evaluate", "finetune", "export"])
-def test_without_the_extra(court, tmp_path, capsys, monkeypatch, command):
-    """What needs it says so, in one line, before anything else is done."""
-    plain = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name in TORCH else plain(name, *more))
+def test_a_command_that_lacks_its_extra_says_so_before_anything_is_done(court, tmp_path, capsys, monkeypatch, command):
+    plain, absent = importlib.util.find_spec, TORCH
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name in absent else plain(name, *more))
     rest = {"train": [court, "-o", tmp_path / "run"], "evaluate": [tmp_path, court], "finetune": [tmp_path],
             "export": [tmp_path, "-o", tmp_path / "net.onnx"]}[command]  # fmt: skip
-    printed = answer(capsys, "reid", command, *rest, status=2)
-    assert f"passerby reid {command}" in printed.err
-    assert "needs torch, transformers, pytorch_metric_learning, accelerate: pip install 'passerby[reid]'" in printed.err
-    assert len(printed.err.splitlines()) == 1
+    (line,) = answer(capsys, "reid", command, *rest, status=2).err.splitlines()
+    assert f"passerby reid {command}" in line
+    assert "needs torch, transformers, pytorch_metric_learning, accelerate: pip install 'passerby[reid]'" in line
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.system
-def test_an_export_without_what_writes_onnx(tmp_path, capsys, monkeypatch):
-    plain = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "onnxscript" else plain(name, *more))
-    printed = answer(capsys, "reid", "export", tmp_path, "-o", tmp_path / "net.onnx", status=2)
-    assert "passerby reid export needs onnxscript: pip install 'passerby[reid]'" in printed.err
+    if command == "export":
+        absent = ("onnxscript",)
+        said = answer(capsys, "reid", command, *rest, status=2).err
+        assert "passerby reid export needs onnxscript: pip install 'passerby[reid]'" in said
 
 
 @pytest.mark.slow

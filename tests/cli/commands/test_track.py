@@ -1,4 +1,4 @@
-"""`passerby track` from a folder that `passerby calibrate` wrote: files, errors against the truth, broken folders."""
+"""`passerby track` from a folder that `passerby calibrate` wrote: files, errors against the truth; and `passerby compare`."""
 
 import csv
 import json
@@ -7,6 +7,7 @@ import shutil
 import pytest
 
 from passerby.cli.main import run
+from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
 pytestmark = pytest.mark.smoke
@@ -31,7 +32,7 @@ def rows_of(path):
 
 
 @pytest.mark.slow
-def test_it_writes_a_table_and_a_page(calibrated, capsys, tmp_path):
+def test_track_writes_a_table_and_a_page_the_same_each_time(calibrated, capsys, tmp_path):
     out = copied(calibrated, tmp_path)
     capsys.readouterr()
     assert run(["track", str(out)]) == 0
@@ -47,9 +48,12 @@ def test_it_writes_a_table_and_a_page(calibrated, capsys, tmp_path):
     page = out / "trajectories" / "trajectories.html"
     assert 3e6 < page.stat().st_size < 10e6
     assert "person 7" in page.read_text()
+    assert run(["track", str(out), "-o", str(tmp_path / "again")]) == 0
+    for file in ("trajectories.csv", "trajectories.html"):
+        assert (tmp_path / "again" / file).read_bytes() == (out / "trajectories" / file).read_bytes()
 
 
-def test_the_distance_to_the_truth(calibrated, capsys, tmp_path):
+def test_the_distance_to_the_truth_is_reported(calibrated, capsys, tmp_path):
     scene, out = calibrated
     truth = ["--truth", str(scene / "ground_positions.csv"), "--true-rig", str(scene / "truth.toml")]
     figures = {}
@@ -57,24 +61,16 @@ def test_the_distance_to_the_truth(calibrated, capsys, tmp_path):
         capsys.readouterr()
         assert run(["track", str(out), "-o", str(tmp_path / method), "--method", method, "--json", *truth]) == 0
         figures[method] = json.loads(capsys.readouterr().out)
-    judged, found = figures["smoothed"]["truth"], figures["smoothed"]["truth"]["similarity"]
-    assert set(judged) == {"metric", "similarity", "true_cameras", "from_true_cameras"}
+    true, found = figures["smoothed"]["truth"], figures["smoothed"]["truth"]["similarity"]
+    assert set(true) == {"metric", "similarity", "true_cameras", "from_true_cameras"}
     assert found["mean_m"] < min(0.1, figures["pairwise"]["truth"]["similarity"]["mean_m"])
     # People's height tells the scale to some per cent, of 10 to 15 m.
-    assert found["mean_m"] < judged["metric"]["mean_m"] < 0.5
-    assert judged["true_cameras"]["mean_m"] < 0.1
-    assert judged["from_true_cameras"]["similarity"]["mean_m"] < 0.05
+    assert found["mean_m"] < true["metric"]["mean_m"] < 0.5
+    assert true["true_cameras"]["mean_m"] < 0.1
+    assert true["from_true_cameras"]["similarity"]["mean_m"] < 0.05
     assert (found["matched"], found["unmatched"]) == (7, [])
     assert found["covered"] > 0.98
     assert figures["smoothed"]["people"] == len(figures["smoothed"]["ways"]) == 7
-
-
-@pytest.mark.slow
-def test_the_same_bytes(calibrated, tmp_path):
-    for name in ("a", "b"):
-        assert run(["track", str(calibrated[1]), "-o", str(tmp_path / name)]) == 0
-    for file in ("trajectories.csv", "trajectories.html"):
-        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
 @pytest.mark.slow
@@ -86,8 +82,8 @@ def test_clocks_of_the_calibration_are_used(tmp_path, capsys):
     capsys.readouterr()
     truth = ["--truth", str(tmp_path / "scene" / "ground_positions.csv"), "--true-rig", str(tmp_path / "scene" / "truth.toml")]
     assert run(["track", str(tmp_path / "out"), "--json", *truth]) == 0
-    judged = json.loads(capsys.readouterr().out)["truth"]
-    assert judged["similarity"]["mean_m"] < 0.12
+    true = json.loads(capsys.readouterr().out)["truth"]
+    assert true["similarity"]["mean_m"] < 0.12
 
 
 def unchecked(path):
@@ -119,39 +115,31 @@ def broken_report(out, **changes):
         (lambda out: unchecked(out / "tracks" / "C2.txt").write_text("1,2,3\n"), 2, "C2.txt: line 1"),
     ],
 )
-def test_broken_folders(calibrated, tmp_path, capsys, breaks, status, says):
+def test_a_broken_folder_is_one_line_of_error(calibrated, tmp_path, capsys, breaks, status, says):
     out = copied(calibrated, tmp_path)
     breaks(out)
     capsys.readouterr()
     assert run(["track", str(out)]) == status
-    error = capsys.readouterr().err
+    (error,) = capsys.readouterr().err.splitlines()
     assert error.startswith("error: ")
-    assert error.count("\n") == 1
     assert says in error
     assert not (out / "trajectories").exists()
 
 
 @pytest.mark.slow
-def test_a_doubtful_calibration_is_followed_and_says_so(calibrated, tmp_path, capsys):
+def test_a_doubtful_calibration_is_followed_with_a_note_and_one_without_a_frame_rate_needs_fps(calibrated, tmp_path, capsys):
     out = copied(calibrated, tmp_path)
     broken_report(out, verdict="doubtful", reasons=["few people"])
     capsys.readouterr()
     assert run(["track", str(out)]) == 0
     assert "note: the calibration is doubtful: few people" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_without_a_frame_rate(calibrated, tmp_path, capsys):
-    out = copied(calibrated, tmp_path)
     report = json.loads((out / "calibration.json").read_text())
     report["scene"]["scene"]["fps"] = None
     (out / "calibration.json").write_text(json.dumps(report))
-    capsys.readouterr()
     assert run(["track", str(out)]) == 2
     assert "--fps" in capsys.readouterr().err
     assert run(["track", str(out), "--fps", "10"]) == 0
-    times = {row["time_s"] for row in rows_of(out / "trajectories" / "trajectories.csv")}
-    assert "0.1000" in times
+    assert "0.1000" in {row["time_s"] for row in rows_of(out / "trajectories" / "trajectories.csv")}
 
 
 @pytest.mark.parametrize(
@@ -168,3 +156,27 @@ def test_wrong_options(calibrated, tmp_path, capsys, arguments, says):
     assert run(["track", str(calibrated[1]), "-o", str(tmp_path / "t"), *arguments]) == 2
     assert says in capsys.readouterr().err
     assert not (tmp_path / "t").exists()
+
+
+@pytest.mark.slow
+def test_compare_measures_two_rigs_on_the_people_of_a_folder_or_of_a_scene_file(tmp_path, capsys):
+    scene, out = tmp_path / "scene", str(tmp_path / "out")
+    write_scene(simulate(SimulationOptions(preset="terrace", seed=961, seconds=30.0, box_noise=0.01)), scene)
+    assert run(["calibrate", str(scene / "scene.toml"), "-o", out, "--no-report"]) == 0
+    capsys.readouterr()
+    asked = ["compare", str(scene / "truth.toml"), out, out, "--shape"]
+    assert run(asked) == 0
+    told = capsys.readouterr().out
+    assert "median distance of people from where the other cameras put them" in told
+    assert "stretches of 10 s" in told
+    assert run([*asked, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["cameras"]) == {"C1", "C2", "C3", "C4"}
+    assert found["first"]["median_px"] == pytest.approx(found["second"]["median_px"], rel=0.1)
+
+    rig = tmp_path / "out" / "rig.toml"
+    write_rig(tmp_path / "shrunk.toml", read_rig(rig).moved([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [0, 0, 0.3], 0.9))
+    assert run(["compare", str(rig), str(tmp_path / "shrunk.toml"), str(scene / "scene.toml"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["difference_px"] > 0
+    assert run(["compare", str(tmp_path / "none.toml"), out, out]) == 2
+    assert "none.toml: no such file" in capsys.readouterr().err

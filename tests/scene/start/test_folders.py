@@ -1,21 +1,24 @@
-"""Which cameras are found in a folder, and what is told of what is left out or cannot be read."""
+"""Which cameras are found in a folder, by videos, boxes and folders of joints, and what is left alone or cannot be read."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from passerby.common.errors import InputError
+from passerby.findings.texts import texts_of
 from passerby.interchange.rig_toml import read_rig
 from passerby.perception.video_probe import VideoInfo
+from passerby.scene.check import check_scene
+from passerby.scene.inputs import read_cameras
+from passerby.scene.scene import Scene
 from passerby.scene.start.folders import survey
 from passerby.scene.start.start import start
 
 
 def probe(path: Path) -> VideoInfo:
-    """Every video is alike, but for those that say that they are broken."""
-    if "broken" in path.name:
-        raise InputError(f"{path}: is not a video")
+    """Every video is alike."""
     return VideoInfo(path, (640, 480), "h264", 25.0, False, 25.0, 250, 10.0)
 
 
@@ -26,53 +29,31 @@ def filled(folder: Path, *names: str) -> Path:
     return folder
 
 
-def test_a_video_that_is_broken_stays_a_camera(tmp_path: Path) -> None:
-    found = survey(filled(tmp_path, "a.mp4", "b.mp4", "broken.mp4"), probe)
-    faults = {camera.name: camera.fault for camera in found.cameras}
-    assert faults == {"a": None, "b": None, "broken": f"{tmp_path / 'broken.mp4'}: is not a video"}
-
-
-def test_boxes_beside_videos_are_told_to_be_switched_off(tmp_path: Path) -> None:
-    found = survey(filled(tmp_path, "a.mp4", "b.mp4", "tracks/a.txt", "tracks/c.txt"), probe)
+def test_boxes_make_cameras_where_there_are_no_videos_and_embeddings_alone_do_not(tmp_path: Path) -> None:
+    found = survey(filled(tmp_path, "tracks/a.txt", "tracks/b.txt", "embeddings/c.npz", "embeddings/a.npz"), probe)
+    assert {camera.name: sorted(camera.files) for camera in found.cameras} == {"a": ["embeddings", "tracks"], "b": ["tracks"]}
+    found = survey(filled(tmp_path / "filmed", "a.mp4", "b.mp4", "tracks/a.txt", "tracks/c.txt"), probe)
     assert {camera.name: list(camera.files) for camera in found.cameras} == {"a": ["tracks"], "b": []}
     assert found.notes == ["boxes or keypoints were found beside the videos: their lines in the scene file are commented out"]
 
 
-def test_boxes_make_cameras_where_there_are_no_videos_and_embeddings_alone_do_not(tmp_path: Path) -> None:
-    found = survey(filled(tmp_path, "tracks/a.txt", "tracks/b.txt", "embeddings/c.npz", "embeddings/a.npz"), probe)
-    assert {camera.name: sorted(camera.files) for camera in found.cameras} == {"a": ["embeddings", "tracks"], "b": ["tracks"]}
-
-
-def test_numbered_videos_further_down_are_pieces_of_one_camera(tmp_path: Path) -> None:
-    filled(tmp_path, *(f"one/two/three/{number:03d}.mp4" for number in range(4)))
-    with pytest.raises(
-        InputError, match=r"holds pieces of one camera's recording \(.*000\.mp4, .*001\.mp4, \.\.\., 4 in a row\)"
-    ):
-        survey(tmp_path, probe)
-
-
-def forbidden(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = Path.iterdir
+def test_a_folder_that_cannot_be_used_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, shoot = Path.iterdir, filled(tmp_path / "shoot", "a.mp4")
+    pieces = filled(tmp_path / "pieces", *(f"one/two/three/{number:03d}.mp4" for number in range(4)))
 
     def iterdir(self: Path) -> Any:
-        if self == folder:
+        if self == shoot:
             raise PermissionError(13, "Permission denied")
         return real(self)
 
     monkeypatch.setattr(Path, "iterdir", iterdir)
-
-
-def test_a_folder_that_may_not_be_read_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    forbidden(filled(tmp_path / "shoot", "a.mp4"), monkeypatch)
-    with pytest.raises(InputError, match=r"shoot: cannot be read \(Permission denied\): give a folder that you may read"):
-        survey(tmp_path / "shoot", probe)
-
-
-def test_what_is_given_must_be_a_folders_path(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"what is given for a folder .*: init needs the folder that these files lie in"):
-        start(Path("rtsp://10.0.0.12/live"), probe=probe)
-    with pytest.raises(InputError, match="no such folder"):
-        start(tmp_path / "none", probe=probe)
+    for place, message in (
+        (shoot, r"shoot: cannot be read \(Permission denied\): give a folder that you may read"),
+        (pieces, r"holds pieces of one camera's recording \(.*000\.mp4, .*001\.mp4, \.\.\., 4 in a row\)"),
+        (Path("rtsp://10.0.0.12/live"), "what is given for a folder .*: init needs the folder that these files lie in"),
+    ):
+        with pytest.raises(InputError, match=message):
+            start(place, probe=probe)
 
 
 def test_a_file_that_is_no_text_is_not_replaced(tmp_path: Path) -> None:
@@ -95,3 +76,55 @@ def test_intrinsics_that_are_there_already_are_left_alone(tmp_path: Path) -> Non
     assert [path.name for path in started.written] == ["scene.toml", "intrinsics-3.toml"]
     assert read_rig(place / "intrinsics-3.toml").names == ("left", "right")
     assert (place / "intrinsics.toml").read_text() == (place / "intrinsics-2.toml").read_text() == "[mine]\n"
+
+
+FRAMES = 4
+
+
+def write_joints(folder: Path, shift: float = 0.0) -> None:
+    folder.mkdir(parents=True)
+    for frame in range(FRAMES):
+        joints = [value for joint in range(17) for value in (100 + shift + 10 * joint + frame, 200 + 5 * joint, 0.9)]
+        empty = {"person_id": [-1], "pose_keypoints_2d": [0.0] * 51}
+        content = {"version": 1.3, "people": [{"person_id": [-1], "pose_keypoints_2d": joints}, empty]}
+        (folder / f"{folder.name}_{frame + 1:06d}.json").write_text(json.dumps(content))
+
+
+def write_rig(path: Path, *names: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(
+        "".join(
+            f"[int_{name}_img]\nname = '{name}'\nsize = [640, 480]\nmatrix = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]\n"
+            "distortions = [0, 0, 0, 0, 0]\n"
+            for name in names
+        )
+    )
+
+
+@pytest.mark.parametrize("place", ["pose/", "", "pose-sync/"])
+def test_folders_of_joints_make_cameras(tmp_path: Path, place: str) -> None:
+    for number, name in enumerate(("cam01", "cam02")):
+        write_joints(tmp_path / f"{place}{name}_json", 30.0 * number)
+    write_rig(tmp_path / "calibration" / "Calib.toml", "cam01", "cam02")
+    started = start(tmp_path)
+    assert started.to_do == ()
+    checked = check_scene(started.scene)
+    assert not checked.faults
+    assert {camera.name: (camera.keypoints, camera.joints) for camera in checked.cameras} == {
+        "cam01": (FRAMES, 17), "cam02": (FRAMES, 17),
+    }  # fmt: skip
+    first, second = read_cameras(Scene.load(started.scene))
+    assert (second.keypoints.xy - first.keypoints.xy)[..., 0].mean() == pytest.approx(30.0)
+    assert all(any("left out" in text for text in texts_of(reading.findings)) for reading in (first, second))
+
+
+def test_other_folders_of_json_are_no_cameras_and_a_broken_frame_is_a_fault_of_its_camera(tmp_path: Path) -> None:
+    for name in ("cam01", "cam02"):
+        write_joints(tmp_path / "pose" / f"{name}_json")
+    write_rig(tmp_path / "Calib.toml", "cam01", "cam02")
+    (tmp_path / "pose" / "settings").mkdir()
+    (tmp_path / "pose" / "settings" / "a.json").write_text('{"version": 2}')
+    (tmp_path / "pose" / "cam02_json" / "cam02_json_000002.json").write_text("{")
+    started = start(tmp_path)
+    assert [camera.found.name for camera in started.cameras] == ["cam01", "cam02"]
+    assert any("cam02_json_000002.json" in fault for fault in check_scene(started.scene).faults)

@@ -48,7 +48,7 @@ def focals(found: dict[str, CameraLens]) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("names", [("cam_0", "cam_1"), ("left", "right"), ("port 0", "port 1")])
-def test_calisopes_tables_are_used_in_place(tmp_path: Path, names: tuple[str, str]) -> None:
+def test_tables_of_caliscope_are_used_in_place(tmp_path: Path, names: tuple[str, str]) -> None:
     sizes = dict.fromkeys(names, (640, 480))
     export(Export(rig(**sizes)), "caliscope", tmp_path / "camera_array.toml")
     found, _ = find(tmp_path, **sizes)
@@ -64,20 +64,14 @@ def recognise(monkeypatch: pytest.MonkeyPatch, **forms: Format | str) -> None:
     monkeypatch.setattr(lenses, "recognise_format", lambda path: known.get(Path(path).stem))
 
 
-def test_what_any_reader_recognises_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sizes = {"1": (640, 480), "2": (640, 480)}
-    export(Export(rig(**sizes)), "easymocap", tmp_path / "calibration")
-    recognise(monkeypatch, intri="easymocap")
-    found, notes = find(tmp_path, **sizes)
-    assert (focals(found), notes, {one.table for one in found.values()}) == ({"1": 500.0, "2": 510.0}, [], {None})
-
-
 def test_the_size_of_the_videos_stands_in_for_one_that_is_not_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sizes = {"1": (640, 480), "2": (640, 480)}
     export(Export(rig(**sizes)), "easymocap", tmp_path)
+    recognise(monkeypatch, intri="easymocap")
+    found, notes = find(tmp_path, **sizes)
+    assert (focals(found), notes, {one.table for one in found.values()}) == ({"1": 500.0, "2": 510.0}, [], {None})
     path = tmp_path / "intri.yml"
     path.write_text("".join(line for line in path.read_text().splitlines(True) if not line.startswith(("H_", "W_"))))
-    recognise(monkeypatch, intri="easymocap")
     found, _ = find(tmp_path, **sizes)
     assert all(one.assumed_size for one in found.values())
     assert focals(found) == {"1": 500.0, "2": 510.0}
@@ -86,7 +80,7 @@ def test_the_size_of_the_videos_stands_in_for_one_that_is_not_stated(tmp_path: P
     assert any("--size" in note and "passerby import" in note and "-f easymocap" in note for note in notes)
 
 
-def test_what_cannot_be_matched_by_name_is_by_the_number_or_the_image_size(tmp_path, monkeypatch):
+def test_lenses_without_a_camera_of_their_name_are_matched_by_the_number_or_the_image_size(tmp_path, monkeypatch):
     export(Export(rig(**{"20160": SIZES["a"], "20161": SIZES["b"]})), "easymocap", tmp_path)
     recognise(monkeypatch, intri="easymocap")
     found, notes = find(tmp_path, north=SIZES["b"], gate=SIZES["a"])
@@ -95,12 +89,10 @@ def test_what_cannot_be_matched_by_name_is_by_the_number_or_the_image_size(tmp_p
     found, notes = find(tmp_path, **{"view-20160": SIZES["a"], "view-20161": SIZES["b"]})
     assert focals(found) == {"view-20160": 500.0, "view-20161": 510.0}
     assert sum("by the number in its name" in note for note in notes) == 2
-
-
-def test_what_fits_several_is_named_and_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    export(Export(rig(x=SIZES["a"], y=SIZES["a"])), "easymocap", tmp_path)
-    recognise(monkeypatch, intri="easymocap")
-    found, notes = find(tmp_path, north=SIZES["a"], gate=SIZES["a"])
+    # Lenses that fit several cameras are named and not used.
+    alike = tmp_path / "alike"
+    export(Export(rig(x=SIZES["a"], y=SIZES["a"])), "easymocap", alike)
+    found, notes = find(alike, north=SIZES["a"], gate=SIZES["a"])
     assert not found
     assert any("x, y cannot be matched with the cameras north, gate" in note for note in notes)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from passerby.scene.start import recordings_found
-from passerby.scene.start.recordings_found import MOST_CAMERAS, MOST_MOMENTS, RecordingSurvey, look_at, propose_span
+from passerby.scene.start.recordings_found import RecordingSurvey, look_at, propose_span
 from support.scenes.puppet_videos import draw, wall, write_video
 
 SIZE, MINUTES, BUSY, PEOPLE = (160, 120), 64, range(20, 36), 3
@@ -35,17 +35,13 @@ def cameras(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_people_are_seen_when_they_are_there(cameras):
+def test_people_are_seen_when_they_are_there_and_the_busiest_span_is_proposed(cameras):
     look = look_at(cameras, BEGIN, BEGIN + 60 * MINUTES)
     assert len(look.people) == 2 * MINUTES - 1
     busy = look.mean_in(BEGIN + 60 * BUSY.start, BEGIN + 60 * BUSY.stop - 1)
     assert busy == pytest.approx(PEOPLE, abs=0.5)
     assert look.mean_in(BEGIN, BEGIN + 60 * BUSY.start - 1) < 0.2
     assert look.mean_in(0.0, 1.0) == 0.0
-
-
-@pytest.mark.slow
-def test_the_busiest_span_is_proposed(cameras):
     surveys = [RecordingSurvey(None, len(paths), begins, paths) for paths, begins in cameras]  # type: ignore[arg-type]
     span = propose_span(surveys)
     assert span is not None
@@ -60,5 +56,5 @@ def test_a_day_of_many_cameras_costs_no_more(monkeypatch, tmp_path):
     paths = [tmp_path / f"{number}.mp4" for number in range(8640)]
     begins = [BEGIN + 10 * number for number in range(8640)]
     look = look_at([(paths, begins)] * 5, BEGIN, BEGIN + 86400)
-    assert len(opened) <= MOST_CAMERAS * (MOST_MOMENTS + 1)
+    assert 0 < len(opened) <= 291
     assert len(look.people) == 0

@@ -1,10 +1,43 @@
-"""Inverses of large symmetric matrices are those that all eigenvalues give."""
+"""Tables of columns, and inverses of large symmetric matrices, which are those that all eigenvalues give."""
+
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from passerby.common import symmetric
+from passerby.common.arrays import Columns, Floats, Ints
 from passerby.common.symmetric import inverse_of, null_vectors, pseudo_inverse
+
+
+@dataclass(frozen=True, eq=False)
+class Table(Columns):
+    number: Ints
+    place: Floats
+    speed: Floats | None = None
+
+
+FULL = Table(np.arange(4), np.arange(8.0).reshape(4, 2), np.arange(4) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Named(Columns):
+    number: Ints
+    names: tuple[str, ...] = ()
+
+
+def test_rows_are_taken_and_joined_in_all_columns_alike():
+    taken = FULL.take(np.array([3, 1]))
+    assert (taken.number.tolist(), taken.place.tolist(), taken.speed.tolist()) == ([3, 1], [[6, 7], [2, 3]], [1.5, 0.5])
+    assert (FULL.take(FULL.number > 2).number.tolist(), FULL.take(slice(1, 3)).number.tolist()) == ([3], [1, 2])
+    assert Table(FULL.number, FULL.place).take(np.array([0])).speed is None
+    joined = Table.joined([FULL.take(slice(0, 1)), FULL.take(slice(2, 4))])
+    assert (joined.number.tolist(), joined.speed.tolist()) == ([0, 2, 3], [0, 1, 1.5])
+    assert Table.joined([FULL, Table(FULL.number, FULL.place)]).speed is None
+    table = Named(np.array([1, 0, 1]), ("a", "b"))  # a tuple is shared by all rows
+    assert (table.take(np.array([0])).names, Named.joined([table, table]).names) == (("a", "b"), ("a", "b"))
+    assert len(Named.joined([table, table]).number) == 6
+
 
 N, SHARE = 60, 1e-10
 
@@ -31,24 +64,16 @@ def test_as_by_all_eigenvalues(null: int) -> None:
     np.testing.assert_allclose(found @ found.T, basis[:, :null] @ basis[:, :null].T, atol=1e-6)
     expected = np.linalg.pinv(M, rcond=SHARE, hermitian=True)
     np.testing.assert_allclose(pseudo_inverse(M, SHARE), expected, atol=1e-5 * np.abs(expected).max())
+    assert (pseudo_inverse(M, SHARE) == pseudo_inverse(M, SHARE)).all()
 
 
-def test_what_is_below_zero_is_null() -> None:
-    """However far, and however many there are."""
+def test_eigenvalues_below_zero_are_null_and_unknowns_have_units() -> None:
+    """However far below, and however many there are."""
     M, basis = matrix(0)
     value = np.geomspace(1e-8, 1.0, N) - 1e-3
     kept = value > 0
     expected = (basis[:, kept] / value[kept]) @ basis[:, kept].T
     np.testing.assert_allclose(pseudo_inverse(M - 1e-3 * np.eye(N), SHARE), expected, atol=1e-6 * np.abs(expected).max())
-
-
-def test_the_same_twice() -> None:
-    M, _ = matrix(2)
-    assert (pseudo_inverse(M, SHARE) == pseudo_inverse(M, SHARE)).all()
-
-
-def test_unknowns_have_units() -> None:
-    M, _ = matrix(0)
     units = np.geomspace(1e-3, 1e3, N)
     inverse = inverse_of(M * units[:, None] * units) * units[:, None] * units
     np.testing.assert_allclose(inverse @ M, np.eye(N), atol=1e-6)
