@@ -107,7 +107,7 @@ def test_errors_on_a_plan_are_as_large_as_stated(count: int) -> None:
     assert 0.75 < rms(orientation) < 1.15
 
 
-def test_without_a_fitted_scale_its_uncertainty_stays() -> None:
+def test_places_and_points_that_set_the_scale_take_its_uncertainty_off() -> None:
     rng = np.random.default_rng(0)
     rig, places = estimated(rng), surveyed(rng, 5)
     kept = align_to_positions(rig, places).rig
@@ -116,9 +116,6 @@ def test_without_a_fitted_scale_its_uncertainty_stays() -> None:
         stated_m = camera.sigma.position_m
         assert kept[camera.name].sigma.position_m > 0.95 * stated_m
         assert fitted[camera.name].sigma.position_m < 0.4 * stated_m
-
-
-def test_points_say_the_scale_too() -> None:
     true, rng = truth(), np.random.default_rng(1)
     rig = stated(true)
     points = [KnownPoint(f"P{n}", xyz := np.array([*rng.uniform(-4, 4, 2), 0.0]),
@@ -128,6 +125,7 @@ def test_points_say_the_scale_too() -> None:
 
 
 def test_what_is_common_is_taken_off_and_no_more() -> None:
+    """One camera that is sure holds the common scale down."""
     rig = stated(truth(), tilt=np.radians(0.5))
     for name, left in own_covariances(rig, with_scale=True, tilt=True).items():
         assert (np.linalg.eigvalsh(left) > -1e-12).all()
@@ -140,9 +138,6 @@ def test_what_is_common_is_taken_off_and_no_more() -> None:
         for left in own_covariances(stated(Rig(truth().cameras[:count])), with_scale=True, tilt=False).values():
             assert 0.66 * 3 * OWN_M**2 < np.trace(left[:3, :3]) < 1.5 * 3 * OWN_M**2
             np.testing.assert_allclose(left[3:, 3:], OWN[3:, 3:], rtol=1e-6, atol=1e-9)
-
-
-def test_one_camera_that_is_sure_holds_the_common_scale_down() -> None:
     rig = stated(truth())
     sure = replace(rig["C1"], sigma=PoseSigma.from_covariance(OWN))
     others = replace(rig, cameras=(sure, *rig.cameras[1:]))

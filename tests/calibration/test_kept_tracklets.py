@@ -1,4 +1,4 @@
-"""Kept tracklets are those that would be found, or they are not used."""
+"""Kept tracklets are those that would be found, or they are not used; a run with them writes what one without them writes."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +9,9 @@ import pytest
 from passerby.association import camera_tracklets
 from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
 from passerby.calibration import kept_tracklets
+from passerby.cli.main import run
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.interchange.rig_toml import read_rig
 from passerby.simulation import SimulatedScene
 from support.scenes.people_and_rigs import simulated
 
@@ -95,27 +97,51 @@ def test_a_damaged_file_is_not_used(scene: SimulatedScene, tmp_path: Path, damag
     assert kept.load(own, FPS) is None
 
 
-RATES = (1.0, 2.0, 3.0, 4.0, 5.0)
-
-
-def saved(scene: SimulatedScene, folder: Path, cameras: int, used_again: float | None = None) -> list[float]:
-    """Which of files saved one after the other are left; one of them is used before the last is saved."""
-    own, none = nameless(scene.observations[scene.rig.names[0]]), np.zeros(0, np.int64)
-    kept = kept_tracklets.KeptTracklets(folder, cameras)
-    for fps in RATES:
-        if fps == RATES[-1] and used_again is not None:
-            assert kept.load(own, used_again) is not None
-        kept.save(own, fps, (own, (none, none)))
-    return [fps for fps in RATES if kept.has(own, fps)]
-
-
-@pytest.mark.parametrize(
-    ("cameras", "most", "of_camera", "used_again", "left"),
-    [(1, 3, 2, None, RATES[-3:]), (2, 3, 2, None, RATES[-4:]), (3, 3, 2, None, RATES), (1, 4, 1, 1.0, (1.0, 3.0, 4.0, 5.0))],
-)
+@pytest.mark.parametrize(("cameras", "saved", "all_left"), [(1, 20, True), (1, 150, False), (40, 150, True)])
 def test_as_many_files_are_kept_as_the_cameras_need_and_those_that_were_used(
-    scene, tmp_path, monkeypatch, cameras, most, of_camera, used_again, left
+    scene: SimulatedScene, tmp_path: Path, cameras: int, saved: int, all_left: bool
 ) -> None:
-    monkeypatch.setattr(kept_tracklets, "KEPT", most)
-    monkeypatch.setattr(kept_tracklets, "KEPT_OF_CAMERA", of_camera)
-    assert saved(scene, tmp_path, cameras, used_again) == list(left)
+    """Else those that were used longest ago go: of these rates, the second is used before every further one."""
+    own, none = nameless(scene.observations[scene.rig.names[0]]), np.zeros(0, np.int64)
+    own = replace(own, boxes=own.boxes.take(slice(5)), keypoints=Keypoints.empty())
+    kept = kept_tracklets.KeptTracklets(tmp_path, cameras)
+    rates = [float(rate) for rate in range(1, saved + 1)]
+    for rate in rates:
+        assert rate <= 2.0 or kept.load(own, 2.0) is not None
+        kept.save(own, rate, (own, (none, none)))
+    left = [rate for rate in rates if kept.has(own, rate)]
+    if all_left:
+        assert left == rates
+    else:
+        assert 10 < len(left) < saved
+        assert left == [2.0, *rates[-len(left) + 1 :]]
+
+
+@pytest.mark.slow
+def test_a_new_length_gives_the_files_of_a_run_in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    options = ["--people", "4", "--seconds", "10", "--box-noise", "0.02", "--seed", "713", "--unrelated-ids"]
+    assert run(["simulate", "-o", str(tmp_path / "scene"), *options]) == 0
+    scene = tmp_path / "scene" / "scene.toml"
+    assert run(["calibrate", str(scene), "-o", str(tmp_path / "again")]) in (0, 3)
+    truth = read_rig(tmp_path / "scene" / "truth.toml")
+    ends = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0] + [[-2.0, -2.5, 0.0], [2.0, 2.5, 0.0]]
+    marks = ", ".join(f"{name} = {truth[name].project(ends).round(2).tolist()}" for name in truth.names[:2])
+    with scene.open("a") as file:
+        file.write(f"\n[[scale.lengths]]\nmetres = 6.0\nsd_m = 0.02\npoints = {{ {marks} }}\n")
+    used: list[bool] = []
+    load = kept_tracklets.KeptTracklets.load
+
+    def counted(self, seen, fps):
+        found = load(self, seen, fps)
+        used.append(found is not None)
+        return found
+
+    monkeypatch.setattr(kept_tracklets.KeptTracklets, "load", counted)
+    assert run(["calibrate", str(scene), "-o", str(tmp_path / "again")]) in (0, 3)
+    assert used
+    assert all(used)
+    assert run(["calibrate", str(scene), "-o", str(tmp_path / "new")]) in (0, 3)
+    files = [path.relative_to(tmp_path / "new") for path in (tmp_path / "new").rglob("*") if path.is_file()]
+    assert Path("rig.toml") in files
+    for path in files:
+        assert (tmp_path / "again" / path).read_bytes() == (tmp_path / "new" / path).read_bytes(), path

@@ -1,28 +1,33 @@
-"""An output folder is of one calibration, or its readers say that it is not."""
+"""An output folder is of one calibration, or its readers say that it is not; what else is made of a folder."""
 
 import json
 import signal
 from dataclasses import replace
 from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from passerby.calibration.alignment.folder import write_aligned
+from passerby.calibration.alignment.world import align_to_camera
 from passerby.calibration.calibration import Calibration
+from passerby.calibration.following import folder_clocks, track_options
 from passerby.calibration.writing import write_calibration, write_results
 from passerby.cli.main import run
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import SolverFigures
-from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
+from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.findings.finding import doubt
-from passerby.interchange.output_folder import read_folder_rig, read_output, remove_report_parts, report_files
+from passerby.interchange.output_folder import OutputFolder, read_folder_rig, read_output, remove_report_parts, report_files
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.perception.video_probe import WallTime
 from passerby.scene.scene import Scene
 from passerby.scene.wall_clock import WallClock
 from support.faults.dying_process import TOLD, every_moment, hidden, visible
 from support.scenes.handmade_files import write_scene
+from support.scenes.output_folders import written_output
 
 pytestmark = pytest.mark.unit
 
@@ -72,7 +77,7 @@ def change_text(path):
     path.write_text(path.read_text().replace("0", "1", 1))
 
 
-def test_a_rig_of_another_calibration_is_told(calibrations, out, tmp_path, capsys):
+def test_a_rig_of_another_calibration_is_reported(calibrations, out, tmp_path, capsys):
     write_calibration(calibrations[1], tmp_path / "other", report=False)
     (out / "rig.toml").write_bytes((tmp_path / "other" / "rig.toml").read_bytes())
     for command in (["track", "OUT"], ["report", "OUT"], ["export", "OUT", "-f", "colmap", "-o", str(tmp_path / "colmap")],
@@ -85,7 +90,7 @@ def test_a_rig_of_another_calibration_is_told(calibrations, out, tmp_path, capsy
 
 
 @pytest.mark.parametrize("name", ["A", "B"])
-def test_damaged_tracks_and_those_that_no_calibration_wrote_are_told(calibrations, out, name):
+def test_damaged_tracks_and_those_that_no_calibration_wrote_are_reported(calibrations, out, name):
     if name == "A":
         change_text(out / "tracks" / "A.txt")
     else:
@@ -120,17 +125,14 @@ def test_a_report_that_cannot_be_drawn_costs_nothing_else(calibrations, out, mon
     assert read_output(out).verdict == "accepted"
 
 
-def test_tracks_of_cameras_that_are_no_more_go(calibrations, out):
+def test_tracks_of_cameras_that_are_no_more_go_and_the_same_bytes_are_written_anywhere(calibrations, out, tmp_path):
     first = calibrations[0]
+    write_calibration(first, tmp_path / "elsewhere" / "deep", report=False)
+    assert visible(tmp_path / "elsewhere" / "deep") == visible(out)
     one = replace(first, rig=replace(first.rig, cameras=first.rig.cameras[:1]))
     (out / "tracks" / "mine.txt").write_text("mine")
     write_calibration(one, out, report=False)
     assert sorted(path.name for path in (out / "tracks").iterdir()) == ["A.txt", "mine.txt"]
-
-
-def test_the_same_bytes_wherever_it_lies(calibrations, out, tmp_path):
-    write_calibration(calibrations[0], tmp_path / "elsewhere" / "deep", report=False)
-    assert visible(tmp_path / "elsewhere" / "deep") == visible(out)
 
 
 def test_a_folder_that_tells_of_no_rig_that_could_be_used(calibrations, out):
@@ -146,22 +148,19 @@ def test_a_folder_that_tells_of_no_rig_that_could_be_used(calibrations, out):
     assert error.value.reasons == refused.reasons
 
 
-def test_clocks_of_some_cameras_alone_are_those_of_no_calibration(out):
+def test_a_file_that_contradicts_itself_or_cannot_be_read_is_named(out, monkeypatch):
     told = json.loads((out / "calibration.json").read_text())
     told["cameras"][0] |= {"fps": 25.0, "time_offset_s": 0.5}
     (out / "calibration.json").write_text(json.dumps(told))
     with pytest.raises(InputError, match=r"calibration\.json: .*: camera B has no fps, though others have"):
         read_output(out)
 
-
-def test_a_file_that_cannot_be_read_is_told(out, monkeypatch):
     def broken(path):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("passerby.interchange.output_folder.checksum", broken)
-    with pytest.raises(
-        InputError, match=r"rig\.toml: cannot be read \(Permission denied\): check the file and its permissions"
-    ):
+    unreadable = r"rig\.toml: cannot be read \(Permission denied\): check the file and its permissions"
+    with pytest.raises(InputError, match=unreadable):
         read_output(out)
 
 
@@ -178,13 +177,6 @@ def test_files_of_an_earlier_report_go_and_those_of_the_user_stay(tmp_path):
     assert sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.*")) == [f"{new}/notes.txt", "mine/a.js"]
 
 
-def test_only_a_further_group_has_a_number_in_its_file_and_its_name(calibrations):
-    first = calibrations[0]
-    assert (first.document().group, first.document().name) == (None, first.scene.name)
-    told = replace(first, group=2).document()
-    assert (told.group, told.name) == (2, f"{first.scene.name}, group 2")
-
-
 def test_a_calibration_is_drawn_and_reported(calibrations, tmp_path):
     first = calibrations[0]
     with pytest.raises(InputError, match="view 'below': choose one of space, above"):
@@ -192,6 +184,7 @@ def test_a_calibration_is_drawn_and_reported(calibrations, tmp_path):
     space, above = first.plot(), first.plot("above")
     assert {trace.type for trace in space.data} >= {"scatter3d"}
     assert "scatter3d" not in {trace.type for trace in above.data}
+    assert any("B" in str(trace.name) for trace in above.data)
     first.report(tmp_path / "new" / "report.html")
     assert first.scene.name in (tmp_path / "new" / "report.html").read_text()
     (tmp_path / "file").write_text("")
@@ -215,3 +208,56 @@ def test_the_file_tells_the_wall_time_that_was_chosen_and_the_libraries_that_are
         assert (document.wall_clock_origin, document.wall_clock_span) == (origin.text, expected)
     assert (document.versions["av"], document.versions["numpy"]) == (None, "1.0")
     assert first.document().wall_clock_origin is None
+
+
+def test_parts_of_a_report_that_the_user_deleted_go_with_the_old_frame(tmp_path: Path) -> None:
+    out = written_output(tmp_path)
+    part = out / "report_files" / "0123456789abcdef" / "camera.js"
+    part.parent.mkdir(parents=True)
+    part.write_text("of the old frame")
+    write_aligned(out, out, align_to_camera(read_output(out).rig, "B"))
+    assert not (out / "report_files").exists()
+    assert read_output(out).rig["B"].pose is not None
+
+
+@pytest.mark.parametrize("name", ["out", "new"])
+def test_the_report_is_made_again_in_the_new_frame(tmp_path: Path, name: str) -> None:
+    """In place, or in a new folder; where there was none, none is made."""
+    out = written_output(tmp_path, report=True)
+    (out / "report.html").write_text("of the old frame")
+    aligned = align_to_camera(read_output(out).rig, "B")
+    write_aligned(out, tmp_path / name, aligned)
+    page = (tmp_path / name / "report.html").read_text(encoding="utf-8")
+    assert "camera B" in page
+    assert "of the old frame" not in page
+    (tmp_path / name / "report.html").unlink()
+    write_aligned(tmp_path / name, tmp_path / "third", aligned)
+    assert not (tmp_path / "third" / "report.html").exists()
+
+
+@pytest.fixture(scope="module")
+def unclocked(tmp_path_factory: pytest.TempPathFactory) -> OutputFolder:
+    """Of a calibration that needed no frame rate."""
+    return read_output(written_output(tmp_path_factory.mktemp("scene")))
+
+
+def test_ways_need_a_frame_rate_that_is_stated_where_the_calibration_knows_none(unclocked: OutputFolder) -> None:
+    for fps in (0.5, 1000.0):
+        assert folder_clocks(unclocked, fps) == {"A": Clock(fps), "B": Clock(fps)}
+    found = {"A": Clock(25.0), "B": Clock(12.5, 0.25)}
+    assert folder_clocks(replace(unclocked, clocks=found), 30.0) == folder_clocks(replace(unclocked, clocks=found)) == found
+    for fps in (0.0, -25.0, 1001.0, float("nan")):
+        with pytest.raises(InputError, match="give frames per second, above 0 and at most 1000"):
+            folder_clocks(unclocked, fps)
+    with pytest.raises(InputError, match="the calibration has no frame rate"):
+        folder_clocks(unclocked)
+
+
+def test_how_people_are_followed_has_limits(unclocked: OutputFolder) -> None:
+    for gap in (0.0, 2.5, 60.0):
+        assert track_options(unclocked, max_gap=gap).max_gap_s == gap
+    for gap in (-0.1, 60.5, float("nan")):
+        with pytest.raises(InputError, match="give seconds from 0 to 60"):
+            track_options(unclocked, max_gap=gap)
+    with pytest.raises(InputError, match="choose one of"):
+        track_options(unclocked, "by magic")

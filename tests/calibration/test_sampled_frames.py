@@ -1,7 +1,8 @@
-"""Cameras of which a detector looked at every n-th frame: calibrate, track and monitor meet at the samples that exist."""
+"""Cameras in which a detector looked at every n-th frame: calibrate, track and monitor meet at the samples that exist."""
 
 import tomllib
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,14 +18,20 @@ from support.scenes.walkers_for_monitor import calibrated, write_watched
 pytestmark = pytest.mark.system
 
 
-def sampled(simulated, every, phases):
-    """The scene as seen in every `every`-th frame, each camera from frame 1 + its phase on."""
+def looked_at(simulated, frames):
+    """The scene as seen in these frames of each camera."""
     cameras, true = {}, {}
-    for phase, (name, seen) in zip(phases, simulated.observations.cameras.items(), strict=True):
-        kept = [(part.frame - 1) % every == phase for part in (seen.boxes, seen.keypoints)]
-        cameras[name] = CameraObservations(seen.boxes.take(kept[0]), seen.keypoints.take(kept[1]))
-        true[name] = simulated.true_identities[name][kept[0]]
+    for name, seen in simulated.observations.cameras.items():
+        boxes, joints = (np.isin(part.frame, frames[name]) for part in (seen.boxes, seen.keypoints))
+        cameras[name] = CameraObservations(seen.boxes.take(boxes), seen.keypoints.take(joints))
+        true[name] = simulated.true_identities[name][boxes]
     return replace(simulated, observations=replace(simulated.observations, cameras=cameras), true_identities=true)
+
+
+def sampled(simulated, every, phases=(0, 0, 0)):
+    """The scene as seen in every `every`-th frame, each camera from frame 1 + its phase on."""
+    frames = {name: np.arange(1 + phase, 10_000, every) for name, phase in zip(simulated.rig.names, phases, strict=True)}
+    return looked_at(simulated, frames)
 
 
 def calibration_of(scene, folder, association):
@@ -51,26 +58,22 @@ def assert_clocks(calibration, simulated, within_s):
 OFFSETS_S = (0.0, 0.513, -0.787)
 
 
-@pytest.fixture(scope="module")
-def thirty():
+@cache
+def thirty(unrelated_ids):
     """Thirty frames a second, clocks that differ by no whole number of samples."""
-    return simulate(SimulationOptions(cameras=3, people=6, seconds=30.0, fps=30.0, box_noise=0.02, clock_offsets=OFFSETS_S))
+    return simulate(
+        SimulationOptions(
+            cameras=3, people=6, seconds=30.0, fps=30.0, box_noise=0.02, clock_offsets=OFFSETS_S, unrelated_ids=unrelated_ids
+        )
+    )  # fmt: skip
 
 
-@pytest.mark.parametrize("every", [3, 6])
-def test_clocks_are_found_from_every_nth_frame(thirty, tmp_path, every):
-    scene = sampled(thirty, every, (0, 0, 0))
-    found = calibration_of(scene, tmp_path, {"mode": "given", "max_offset_s": 2.0})
-    assert_near_truth(found, thirty)
-    assert_clocks(found, thirty, 0.03)
-
-
-def test_identities_are_found_from_every_nth_frame(thirty, tmp_path):
-    options = replace(thirty.options, unrelated_ids=True)
-    scene = sampled(simulate(options), 6, (0, 0, 0))
-    found = calibration_of(scene, tmp_path, {"mode": "trajectory", "max_offset_s": 2.0})
-    assert_near_truth(found, thirty)
-    assert_clocks(found, thirty, 0.04)
+@pytest.mark.parametrize(("mode", "every", "within_s"), [("given", 3, 0.03), ("given", 6, 0.03), ("trajectory", 6, 0.04)])
+def test_clocks_and_identities_are_found_from_every_nth_frame(tmp_path, mode, every, within_s):
+    scene = thirty(mode != "given")
+    found = calibration_of(sampled(scene, every), tmp_path, {"mode": mode, "max_offset_s": 2.0})
+    assert_near_truth(found, scene)
+    assert_clocks(found, scene, within_s)
 
 
 @pytest.mark.slow
@@ -85,7 +88,7 @@ def test_every_rate_of_frames_and_of_samples(tmp_path, fps, every, mode):
         cameras=3, people=6, seconds=40.0, fps=fps, box_noise=0.02, clock_offsets=OFFSETS_S, unrelated_ids=mode != "given"
     )
     simulated = simulate(options)
-    found = calibration_of(sampled(simulated, every, (0, 0, 0)), tmp_path, {"mode": mode, "max_offset_s": 2.0})
+    found = calibration_of(sampled(simulated, every), tmp_path, {"mode": mode, "max_offset_s": 2.0})
     assert len(found.rig.posed()) == 3
     # Less than a sample a second is little; then the rig may be doubtful, but no camera is lost.
     assert found.accepted or fps / every < 1
@@ -147,21 +150,19 @@ def test_phones_of_different_and_of_uneven_rates(tmp_path, mode):
     """30, 50 and 60 frames a second and pictures at uneven times, of each about five a second looked at."""
     rates, every = (30.0, 50.0, 60.0, 100.0), (6, 10, 12, 20)
     options = SimulationOptions(
-        people=6, seconds=40.0, box_noise=0.02, camera_fps=rates, clock_offsets=(0.0, 0.513, -0.787, 1.291),
+        people=6,
+        seconds=40.0,
+        box_noise=0.02,
+        camera_fps=rates,
+        clock_offsets=(*OFFSETS_S, 1.291),
         unrelated_ids=mode != "given",
-    )  # fmt: skip
+    )
     simulated = simulate(options)
-    rng, cameras, true = np.random.default_rng(5), {}, {}
-    for name, fps, step in zip(simulated.rig.names, rates, every, strict=True):
-        frames = np.arange(1, int(40 * fps) + 1, step)
-        if fps == 100.0:
-            frames = np.unique(frames + rng.integers(-4, 5, len(frames)).clip(1 - frames))
-        seen = simulated.observations[name]
-        kept = [np.isin(part.frame, frames) for part in (seen.boxes, seen.keypoints)]
-        cameras[name] = CameraObservations(seen.boxes.take(kept[0]), seen.keypoints.take(kept[1]))
-        true[name] = simulated.true_identities[name][kept[0]]
-    scene = replace(simulated, observations=replace(simulated.observations, cameras=cameras), true_identities=true)
-    found = calibration_of(scene, tmp_path, {"mode": mode, "max_offset_s": 2.0})
+    steps = zip(simulated.rig.names, rates, every, strict=True)
+    frames = {name: np.arange(1, int(40 * fps) + 1, step) for name, fps, step in steps}
+    uneven = frames["C4"]
+    frames["C4"] = np.unique(uneven + np.random.default_rng(5).integers(-4, 5, len(uneven)).clip(1 - uneven))
+    found = calibration_of(looked_at(simulated, frames), tmp_path, {"mode": mode, "max_offset_s": 2.0})
     assert_near_truth(found, simulated)
     assert_clocks(found, simulated, 0.05)
 
@@ -170,12 +171,8 @@ def test_phones_of_different_and_of_uneven_rates(tmp_path, mode):
 def test_people_marked_in_chosen_frames(tmp_path):
     """The same frames of all cameras, seconds apart and unevenly spaced: no box is interpolated."""
     exact = simulate(SimulationOptions(people=6, seconds=40.0, fps=10.0, box_noise=0.0))
-    chosen = np.sort(np.random.default_rng(970700).choice(np.arange(1, 401), 50, replace=False))
-    cameras = {
-        name: CameraObservations(seen.boxes.take(np.isin(seen.boxes.frame, chosen)))
-        for name, seen in exact.observations.cameras.items()
-    }
-    scene = replace(exact, observations=replace(exact.observations, cameras=cameras))
+    chosen = np.random.default_rng(970700).choice(np.arange(1, 401), 50, replace=False)
+    scene = looked_at(exact, dict.fromkeys(exact.rig.names, chosen))
     found = calibration_of(scene, tmp_path, {"mode": "given"})
     assert found.verdict == "accepted", found.reasons
     errors = compare(found.rig, exact.rig)

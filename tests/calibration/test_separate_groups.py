@@ -1,4 +1,4 @@
-"""Groups of cameras that share nobody: each a rig of its own, in files of its own."""
+"""Groups of cameras that share nobody: each a rig of its own, in files of its own; and which pairs of cameras are compared."""
 
 import json
 from dataclasses import replace
@@ -17,9 +17,10 @@ from passerby.association.ground.passages import Passage
 from passerby.association.result import Association
 from passerby.calibration.alignment.folder import write_aligned
 from passerby.calibration.alignment.world import align_to_camera
+from passerby.calibration.association_run import AssociationOptions
+from passerby.calibration.association_start import _find_candidates
 from passerby.calibration.calibrate import calibrate
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.joined_groups import join_numbers
 from passerby.calibration.lens_corrections import LensExamination
 from passerby.calibration.run import CalibrationRun, Corrections, Estimate
 from passerby.calibration.separate_groups import GroupEstimate, join_groups, stated_parts
@@ -36,7 +37,7 @@ from passerby.findings.texts import text_of
 from passerby.interchange.output_folder import read_output
 from passerby.interchange.rig_toml import read_rig
 from passerby.report.contents import contents_from
-from passerby.scene.inputs import SceneInputs, part_of
+from passerby.scene.inputs import SceneInputs
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.sites.site import SiteOptions, simulate_site, write_site
@@ -120,7 +121,7 @@ def test_files_of_groups_are_an_output_folder_each_and_go_with_them(rooms, found
     ]
     upper = read_output(out / "groups/2")
     assert upper.rig.names == ("U1", "U2")
-    assert upper.document.group == 2
+    assert (upper.document.group, read_output(out).document.group) == (2, None)
     assert len(upper.boxes["U1"]) > 100
     assert 'href="groups/2/report.html"' in (out / "report.html").read_text(encoding="utf-8")
     assert (out / "groups/2/report.html").is_file()
@@ -232,25 +233,8 @@ def test_stated_groups_with_a_common_camera_are_one_part(stated, parts):
     assert stated_parts(["a", "b", "c", "d"], stated) == parts
 
 
-def test_a_part_has_its_own_cameras_and_names_the_others(rooms):
-    truth, boxes = rooms
-    seen = passerby.Observations({name: passerby.core.observations.CameraObservations(one) for name, one in boxes.items()})
-    inputs = SceneInputs(truth, seen, findings=())
-    part = part_of(inputs, ["U1", "U2"])
-    assert part.rig.names == tuple(part.observations.cameras) == ("U1", "U2")
-    assert [camera.name for camera in part.elsewhere] == ["C1", "C2", "C3"]
-
-
-@pytest.mark.parametrize(
-    ("pairs", "groups"),
-    [([], []), ([(0, 2)], [[0, 2]]), ([(3, 1), (0, 4), (1, 2)], [[0, 4], [1, 2, 3]])],
-)
-def test_numbers_that_chains_of_pairs_join(pairs, groups):
-    assert join_numbers(pairs, 5) == groups
-
-
 def group_of(names: tuple[str, ...]) -> GroupEstimate:
-    """An estimate of which nothing but the cameras matters."""
+    """An estimate in which nothing but the cameras matters."""
     lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.zeros(0))
     rig = Rig(tuple(Camera(name, lens, Pose(np.eye(3), np.zeros(3))) for name in names))
     seen = passerby.Observations({})
@@ -282,3 +266,38 @@ def test_a_joint_that_contradicts_its_groups_is_tried_without_the_passage_that_i
     assert tried == [(3, [(0, 1), (1, 2)]), (2, [(0, 1)])]
     assert [one.rig.names for one in found] == [("a", "b"), ("c", "d", "e", "f")]
     assert found[0].nearest is doors[0, 2]  # with most of the people who are needed
+
+
+@pytest.mark.slow
+def test_groups_of_the_scene_file_are_the_pairs_of_the_calibration():
+    scene = simulate(SimulationOptions(seed=807, seconds=20.0, unrelated_ids=True, box_noise=0.01))
+    boxes = {name: seen.boxes for name, seen in scene.observations.cameras.items()}
+    groups = [["C1", "C2", "C3"], ["C3", "C4"]]
+    tables = {"sites": {"groups": groups}, "association": {"max_offset_s": 0}}
+    found = passerby.calibrate_observations(scene.rig, boxes, fps=5.0, **tables)
+    assert found.association is not None
+    figures = found.association.figures
+    assert figures.pairs_tried.tried == figures.pairs_tried.stated == 4
+    assert {frozenset(pair.cameras) for pair in figures.pairs} == {
+        frozenset(pair) for pair in (("C1", "C2"), ("C1", "C3"), ("C2", "C3"), ("C3", "C4"))
+    }
+    assert len(found.rig.posed()) == 4
+
+
+@pytest.mark.parametrize(
+    ("count", "search_s", "options", "all_pairs"),
+    [
+        (4, 5.0, AssociationOptions(), True),
+        (40, 5.0, AssociationOptions(), False),
+        (40, 0.0, AssociationOptions(mode="trajectory"), False),
+        (40, 5.0, AssociationOptions(mode="appearance"), True),
+        (40, 600.0, AssociationOptions(), True),
+        (3, 600.0, AssociationOptions(mode="appearance", groups=(("C1", "C3"),)), False),
+    ],
+)
+def test_all_pairs_are_compared_of_few_cameras_by_looks_and_where_starts_are_unknown(count, search_s, options, all_pairs):
+    cameras = [SimpleNamespace(name=f"C{number + 1}", tracks=None) for number in range(count)]
+    found = _find_candidates(cameras, search_s, options, silent)
+    assert (found is None) == all_pairs
+    if options.groups:
+        assert list(found.found_by) == [(0, 2)]

@@ -1,4 +1,4 @@
-"""Calibrations from a part of the videos: the stretches that teach most come first."""
+"""Calibrations from a part of the videos: how much is watched, and that the stretches that teach most come first."""
 
 import json
 import shutil
@@ -10,7 +10,7 @@ import pytest
 import passerby
 from passerby.calibration import calibrate as module
 from passerby.calibration.calibrate import CalibrationInterrupted
-from passerby.calibration.effort import Effort
+from passerby.calibration.effort import Effort, Step, foresee, is_enough, note_of_effort, sizes
 from passerby.common.errors import InputError
 from passerby.common.progress import silent
 from passerby.evaluation.metrics import compare
@@ -55,7 +55,7 @@ def from_part(scene, tmp_path_factory):
     return found, shown, out
 
 
-def test_a_part_is_enough(from_part, made):
+def test_a_part_is_enough_and_what_was_not_watched_is_no_missed_person(from_part, made):
     found, shown, _ = from_part
     assert found.verdict == "accepted", found.reasons
     assert [used_s(one) for one in shown] == [[pytest.approx(33.3, abs=0.1)]], "the first rig"
@@ -63,10 +63,6 @@ def test_a_part_is_enough(from_part, made):
     assert compare(found.rig, made.rig).similarity.mean_position_mm < 80
     frames = np.concatenate([boxes.frame for boxes in found.tracks.values()])
     assert frames.max() <= 200, "two thirds of 300"
-
-
-def test_what_was_not_watched_is_a_gap_and_no_missed_person(from_part):
-    found, _, _ = from_part
     assert not [one for one in found.doubts if "predict" in one.code or "missed" in one.code]
 
 
@@ -135,3 +131,55 @@ def test_interrupted_after_the_first_rig_that_rig_is_there(from_part, scene, mon
     assert used_s(stopped.value.calibration) == used_s(shown[0])
     stopped.value.calibration.write(tmp_path / "written", report=False)
     assert json.loads((tmp_path / "written" / "calibration.json").read_text())["verdict"] == shown[0].verdict
+
+
+def step(used_s, points_m=0.03, ground_m=0.2, verdict="accepted", ended_s=10.0):
+    return Step(used_s, ended_s, verdict, points_m, ground_m)
+
+
+@pytest.mark.unit
+def test_each_step_is_twice_as_long_to_the_end():
+    assert [list(sizes(count)) for count in (0, 1, 11)] == [[0], [1], [1, 2, 4, 8, 11]]
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("steps", "enough"),
+    [
+        ([step(30, 0.01, 0.01)], False),
+        ([step(30, 0.04), step(60, 0.03, 0.2)], True),
+        ([step(30, 0.10, 0.04), step(60, 0.07, 0.03)], False),
+        ([step(30, 0.10, 0.04), step(60, 0.095, 0.03)], False),
+        ([step(120, 0.10, 0.04), step(240, 0.095, 0.03)], True),
+        ([step(30, 0.04, verdict="doubtful"), step(60, 0.03)], False),
+        ([step(120, 0.04, verdict="doubtful"), step(240, 0.03, verdict="doubtful")], False),
+        ([step(120, 0.04, verdict="doubtful"), step(240, 0.039, verdict="doubtful")], True),
+        ([step(30, None, None, "refused"), step(60, None, None, "refused")], False),
+        ([step(60, 0.04, verdict="doubtful"), step(120, 0.039, verdict="doubtful")], False),
+    ],
+    ids=["not confirmed", "target", "still better", "too little for a missed target", "barely better", "verdict changes",
+         "doubt, better", "doubt, settled", "none", "too little for a doubt"],
+)  # fmt: skip
+def test_it_ends_where_the_target_is_reached_or_more_would_barely_help(steps, enough):
+    assert is_enough(steps, Effort(target_m=0.05)) is enough
+    assert not is_enough(steps, Effort(target_m=None))
+
+
+@pytest.mark.unit
+def test_no_step_is_begun_that_would_take_longer_than_there_is():
+    steps = [step(30, None, None, "refused", ended_s=20.0)]
+    assert not is_enough(steps, Effort(budget_s=60.0))
+    assert is_enough(steps, Effort(budget_s=59.0))
+
+
+@pytest.mark.unit
+def test_what_more_would_bring_is_foreseen():
+    # A constant of 3 cm, and 4 cm after a minute that fall with the time.
+    steps = [step(60, 0.05, None), step(240, (0.03**2 + 0.02**2) ** 0.5, None)]
+    points, ground = foresee(steps, 960.0)
+    assert points == pytest.approx((0.03**2 + 0.01**2) ** 0.5)
+    assert ground is None
+    note = note_of_effort(steps, 960.0)
+    assert (note.values["used_s"], note.values["recorded_s"]) == (240, 960.0)
+    assert (note.values["now_points_m"], note.values["points_m"]) == (steps[-1].points_m, points)
+    assert note_of_effort(steps, 240.0) is None

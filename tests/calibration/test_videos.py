@@ -1,25 +1,20 @@
 """From videos to a rig: mixed sources, rates, clocks, networks, and what is told meanwhile."""
 
 import hashlib
-import io
 import multiprocessing
 import re
-import shutil
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rich.console import Console
-from rich.progress import Progress
 
 from passerby.calibration.calibrate import calibrate
 from passerby.cli.main import run
-from passerby.cli.terminal import _Bar, stages
+from passerby.cli.terminal import stages
 from passerby.common import parallel
-from passerby.common.errors import InputError
 from passerby.common.progress import Forward, silent
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import write_boxes
@@ -35,6 +30,9 @@ from support.networks import crop_networks as crop_models
 from support.networks import yolox as yolox_files
 from support.networks.model_server import entry, keep_to, know_only
 from support.scenes.puppet_videos import film, in_order, pictures, puppets, scene_file, wall, write_video
+
+SECONDS, FPS = 30.0, 3.0
+
 
 SECONDS, FPS = 30.0, 3.0
 
@@ -71,11 +69,14 @@ def calibrated(folder):
     return calibrate(scene_file(folder, BOTH))
 
 
-def error_mm(calibration, folder):
-    """Mean error of the cameras' places after the best similarity; two cameras have one distance, which is the scale."""
+def assert_near_truth(calibration, folder):
+    """After the best similarity; two cameras have one distance, which is the scale; returned."""
     found = compare(calibration.rig, read_rig(folder / "truth.toml"))
+    assert calibration.accepted, calibration.reasons
     assert len(found.names) == 2
-    return found.similarity.mean_position_mm, found.similarity.mean_orientation_deg, found.scale_ratio
+    assert found.similarity.mean_position_mm < 100
+    assert found.similarity.mean_orientation_deg < 1.0
+    return found.scale_ratio
 
 
 def inputs(scene):
@@ -86,14 +87,9 @@ def inputs(scene):
 
 @pytest.mark.smoke
 def test_two_videos_become_a_rig(calibrated, folder):
-    assert calibrated.accepted
-    millimetres, degrees, scale = error_mm(calibrated, folder)
-    assert millimetres < 100
-    assert degrees < 1.0
-    assert 0.8 < scale < 1.2
+    assert 0.8 < assert_near_truth(calibrated, folder) < 1.2
     told = calibrated.perception
-    assert told["detector"] == "background"
-    assert told["embedder"] == "stripes"
+    assert (told["detector"], told["embedder"]) == ("background", "stripes")
     assert told["cameras"]["C1"]["pictures"] == SECONDS * FPS
     assert told["cameras"]["C1"]["boxes"] > 100
     assert set(calibrated.seconds) >= {"reading", "background", "detection", "embedding", "solving"}
@@ -130,61 +126,6 @@ def assert_forward(told):
     assert all(done == total > 0 for done, total in known.values()), known
 
 
-@pytest.mark.slow
-def test_progress_never_runs_backwards(place, tmp_path):
-    """One camera after the other, then again with one camera kept and one not."""
-    scene = Scene.load(scene_file(place, BOTH, perception='detector = "background"\nembedder = "none"\nfps = 1'))
-
-    def told():
-        found = []
-
-        def tell(stage, done=0, total=0, *, part=""):
-            found.append((part, done, total))
-
-        read_inputs(scene, SceneVideoProcessor(tmp_path / "out", None, tell))
-        return found
-
-    first = told()
-    assert_forward(first)
-    # Learning the empty scene is counted: it moves from the beginning on.
-    counts = [done for part, done, _ in first if part == "C1"]
-    assert counts[:4] == [0, 3, 6, 9]
-    assert counts[-1] == 3 * 60 + 30
-    shutil.rmtree(tmp_path / "out" / "perception" / "C2")
-    again = told()
-    assert_forward(again)
-    assert [done for part, done, _ in again if part == "C1"] == [0, 210, 210]
-    assert len(again) > 90
-
-
-class _Ended:
-    """A process that tells nothing any more: its counts stay as they were, or were never written."""
-
-    def __init__(self, wrote):
-        self.wrote = wrote
-
-    def submit(self, function, job, counts):
-        if self.wrote:
-            counts(*self.wrote)
-        done = Future()
-        done.set_result(InputError("it was cut off"))
-        return done
-
-
-@pytest.mark.parametrize("wrote", [None, (7, 100)])
-def test_a_camera_that_is_over_counts_as_done(place, wrote):
-    told = []
-    scene = Scene.load(scene_file(place, BOTH))
-    with pytest.raises(InputError):
-        read_inputs(
-            scene,
-            SceneVideoProcessor(
-                None, _Ended(wrote), lambda stage, done=0, total=0, *, part="": told.append((part, done, total))
-            ),
-        )
-    assert_forward(told)
-
-
 @given(
     st.lists(
         st.tuples(st.sampled_from("abc"), st.integers(0, 50), st.sampled_from([0, 20, 30, 40])) | st.sampled_from("abc"),
@@ -212,22 +153,14 @@ def test_counts_in_any_order_never_run_backwards(events):
     assert_forward(told)
 
 
-def test_times_of_a_variable_rate_are_honoured(dense, calibrated, folder, tmp_path):
+def test_times_of_a_variable_rate_are_honoured(dense, calibrated, folder, place):
     """Half of the pictures of camera C1 are left out, here and there: by their count, people would jump and stand."""
-    for path in folder.iterdir():
-        (tmp_path / path.name).symlink_to(path)
-    rng = np.random.default_rng(0)
-    chosen = np.sort(rng.choice(np.arange(1, dense.count), 89, replace=False)).tolist()
-    chosen = [0, *chosen]
+    chosen = [0, *np.sort(np.random.default_rng(0).choice(np.arange(1, dense.count), 89, replace=False)).tolist()]
     shown = (picture for k, picture in enumerate(pictures(dense, "C1")) if k in set(chosen))
-    write_video(tmp_path / "variable.mp4", shown, FPS, iter([k / dense.fps + 1e-3 * (k % 7) for k in chosen]))
-    assert probe(tmp_path / "variable.mp4").variable
-    found = calibrate(scene_file(tmp_path, {"C1": "variable.mp4", "C2": "C2.mp4"}))
-    assert found.accepted, found.reasons
-    millimetres, degrees, scale = error_mm(found, folder)
-    assert millimetres < 100
-    assert degrees < 1.0
-    assert scale == pytest.approx(error_mm(calibrated, folder)[2], abs=0.08)
+    write_video(place / "variable.mp4", shown, FPS, iter([k / dense.fps + 1e-3 * (k % 7) for k in chosen]))
+    assert probe(place / "variable.mp4").variable
+    scale = assert_near_truth(calibrate(scene_file(place, {**BOTH, "C1": "variable.mp4"})), folder)
+    assert scale == pytest.approx(assert_near_truth(calibrated, folder), abs=0.08)
 
 
 @pytest.mark.parametrize(("fps", "count"), [("0.5", 15), ("1", 30), ("3", 90), ("30", 90), ("1.4", 45)])
@@ -274,21 +207,9 @@ def test_a_rate_asked_for_is_what_is_watched(place):
 def test_a_video_beside_boxes_of_another_camera(place, folder):
     cameras = {"C1": "C1.mp4", "C2": 'detections = "C2.txt"'}
     found = calibrate(scene_file(place, cameras, extra="[scene]\nfps = 3\n[association]\nmax_offset_s = 0"))
-    assert found.accepted, found.reasons
-    assert error_mm(found, folder)[0] < 100
+    assert_near_truth(found, folder)
     assert set(found.perception["cameras"]) == {"C1"}
     assert any("camera C2 has no embeddings" in note for note in found.findings)
-
-
-@pytest.mark.slow
-def test_the_scene_files_rate_is_believed(place):
-    cameras = {"C1": "C1.mp4", "C2": 'detections = "C2.txt"'}
-    seen, _ = inputs(scene_file(place, cameras, extra="[scene]\nfps = 3.2"))
-    (note,) = [notice for notice in seen.findings if notice.code == "video_rate_differs"]
-    assert note.cameras == ("C1",)
-    assert note.values["place"].endswith("C1.mp4")
-    assert (note.values["video_fps"], note.values["fps"]) == (3.0, 3.2)
-    assert seen.observations.clocks["C1"].fps == 3.2
 
 
 @pytest.mark.slow
@@ -315,6 +236,21 @@ def test_no_video_is_watched_where_nothing_is_wanted_of_it(place):
         perception = 'detector = "background"\n' + (perception or 'embedder = "stripes"')
         _, videos = inputs(scene_file(place, cameras, perception=perception, extra=told))
         assert videos.figures == {}
+
+
+@pytest.mark.slow
+def test_the_boxes_of_a_file_are_not_moved(place):
+    """Boxes that a detector found are told from the pixel's corner, those of a file from its middle."""
+    one = puppets(4.0, 3.0, 2, 2)
+    for score, name in enumerate(BOTH, start=1):
+        write_boxes(
+            place / f"few-{name}.txt", in_order(replace(one.boxes["C1"], score=score / len(BOTH) * one.boxes["C1"].score))
+        )
+    cameras = {name: f'detections = "few-{name}.txt"\nvideo = "{name}.mp4"' for name in BOTH}
+    seen, _ = inputs(scene_file(place, cameras, extra=""))
+    plain, _ = inputs(scene_file(place, {name: f'detections = "few-{name}.txt"' for name in BOTH}, extra=""))
+    np.testing.assert_array_equal(seen.observations["C1"].boxes.ltwh, plain.observations["C1"].boxes.ltwh)
+    assert seen.observations["C1"].boxes.embedding is not None
 
 
 def blue_scene(place):
@@ -426,39 +362,6 @@ def test_without_any_network_there_are_notes(place, tmp_path, monkeypatch, capsy
     assert notes[1].endswith("appearance is described by colour histograms of horizontal stripes, without a neural network")
 
 
-class _Heard:
-    """What was told, in its order."""
-
-    def __init__(self):
-        self.told = []
-
-    def __call__(self, stage, done=0, total=0, *, part=""):
-        self.told.append(stage)
-
-    def warning(self, text):
-        self.told.append(f"warning: {text}")
-
-    def failed(self, stage):
-        self.told.append(f"failed: {stage}")
-
-
-@pytest.mark.slow
-def test_a_network_that_cannot_be_had_is_told_at_once(place, tmp_path, monkeypatch):
-    nothing_to_be_had(tmp_path, monkeypatch)
-    scene = scene_file(place, blue_scene(place), perception='detector = "auto"\nembedder = "auto"\nfps = 1')
-    heard = _Heard()
-    calibrate(scene, progress=heard)
-    fetching, failed, note = heard.told[1:4]
-    assert fetching == "fetching tiny.onnx (kB)"
-    assert failed == f"failed: {fetching}"
-    assert note.startswith("warning: tiny is not on this computer and cannot be fetched")
-    assert note.endswith("people are detected by background subtraction, without a neural network")
-    assert heard.told[4].startswith("warning: ")
-    assert "colour histograms" in heard.told[4]
-    assert heard.told[5] == "processing videos"
-    assert len([told for told in heard.told if told.startswith(("warning", "failed"))]) == 3, "each is told once"
-
-
 @pytest.mark.parametrize("verbose", [False, True])
 def test_a_log_tells_at_once_what_cannot_be_had(place, tmp_path, monkeypatch, capsys, verbose):
     nothing_to_be_had(tmp_path, monkeypatch)
@@ -470,7 +373,8 @@ def test_a_log_tells_at_once_what_cannot_be_had(place, tmp_path, monkeypatch, ca
     assert lines[:-1] == (["fetching tiny.onnx (kB): 300", "fetching tiny.onnx (kB): failed"] if verbose else [])
 
 
-def test_a_bar_shows_a_download_that_failed_as_failed(monkeypatch, capsys, place, tmp_path):
+def test_a_bar_shows_a_download_that_failed_as_failed_and_each_camera_by_its_name(monkeypatch, capsys, place, tmp_path):
+    """On standard error alone; names are no markup."""
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
     nothing_to_be_had(tmp_path, monkeypatch)
@@ -478,7 +382,13 @@ def test_a_bar_shows_a_download_that_failed_as_failed(monkeypatch, capsys, place
     with stages() as tell:
         tell("reading")
         plan_of(scene, (), tell)
-    lines = [line for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().err).splitlines() if "fetching" in line]
+        tell("watching", 3, 10, part="C1")
+        tell("watching", 4, 20, part="[C2]")
+    out, errors = capsys.readouterr()
+    assert not out
+    assert "watching C1" in errors
+    assert "watching [C2]" in errors
+    lines = [line for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", errors).splitlines() if "fetching" in line]
     assert [line for line in lines if "✗ fetching tiny.onnx (kB): failed" in line]
     assert not [line for line in lines if "•" in line]
 
@@ -492,61 +402,3 @@ def test_a_network_that_was_named_is_not_left_out(place, tmp_path, monkeypatch, 
         f"error: {scene}: [perception] detector = 'tiny': tiny is not on this computer and cannot be fetched"
     )
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("verbose", [False, True])
-def test_what_is_told_where_there_is_no_terminal(place, tmp_path, monkeypatch, capsys, verbose):
-    monkeypatch.setattr(parallel, "pays", lambda *measures: False)
-    cameras = {"C1": "C1.mp4", "C2": 'detections = "C2.txt"\nfps = 3'}
-    scene = scene_file(place, cameras, perception='detector = "background"\nembedder = "none"\nfps = 1')
-    assert run(["calibrate", str(scene), "-o", str(tmp_path / "out"), *["-v"] * verbose]) in (0, 3)
-    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("doubtful", "refused"))]
-    # The empty scene is learnt from 60 pictures, each as long as three of the 30 that are looked at.
-    assert (lines.count("processing videos C1: 210") == 1) is verbose
-    if verbose:
-        assert lines[0] == "reading"
-        assert lines[-2:] == ["writing", "report: 2"]
-        assert not [line for line in lines if "processing videos" in line and line != "processing videos C1: 210"]
-    else:
-        assert not lines
-
-
-def test_a_bar_for_each_camera():
-    with Progress(console=Console(file=io.StringIO(), force_terminal=True), disable=True) as progress:
-        bar = _Bar(progress)
-        bar("reading")
-        for done in (0, 5, 9):
-            for part, total in (("C1", 10), ("C2", 0)):
-                bar("watching", done, total, part=part)
-        told = [(task.description, task.completed, task.total) for task in progress.tasks]
-        assert told == [("watching C1", 9, 10), ("watching C2", 9, None)]
-        bar("solving")
-        assert [task.description for task in progress.tasks] == ["solving"]
-
-
-def test_bars_are_drawn_on_standard_error_alone(monkeypatch, capsys):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    with stages() as tell:
-        tell("watching", 3, 10, part="C1")
-        tell("watching", 4, 20, part="[C2]")
-    out, errors = capsys.readouterr()
-    assert not out
-    assert "watching C1" in errors
-    assert "watching [C2]" in errors, "names are no markup"
-
-
-@pytest.mark.slow
-def test_the_boxes_of_a_file_are_not_moved(place):
-    """Boxes that a detector found are told from the pixel's corner, those of a file from its middle."""
-    one = puppets(4.0, 3.0, 2, 2)
-    for score, name in enumerate(BOTH, start=1):
-        write_boxes(
-            place / f"few-{name}.txt", in_order(replace(one.boxes["C1"], score=score / len(BOTH) * one.boxes["C1"].score))
-        )
-    cameras = {name: f'detections = "few-{name}.txt"\nvideo = "{name}.mp4"' for name in BOTH}
-    seen, _ = inputs(scene_file(place, cameras, extra=""))
-    plain, _ = inputs(scene_file(place, {name: f'detections = "few-{name}.txt"' for name in BOTH}, extra=""))
-    np.testing.assert_array_equal(seen.observations["C1"].boxes.ltwh, plain.observations["C1"].boxes.ltwh)
-    assert seen.observations["C1"].boxes.embedding is not None

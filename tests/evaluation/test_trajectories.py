@@ -40,12 +40,18 @@ def ways(places, sigma=0.1, cameras=3):
 
 def test_distances_are_those_that_were_put_in():
     found = ways({number: (TIMES, line(number) + (0.0, 0.1 * number)) for number in (1, 2, 3)}, sigma=0.12)
-    judged = judge(found, truth(), same_ids=True)
-    assert (judged.distances.mean_m, judged.distances.median_m) == pytest.approx((0.2, 0.2))
-    assert judged.distances.within == {"0.15": pytest.approx(1 / 3), "0.26": pytest.approx(2 / 3), "0.59": 1.0}
-    assert judged.distances.within_sigma == pytest.approx(1 / 3)
-    assert judged.covered == 1.0
-    assert judged.missing == judged.unmatched == ()
+    errors = judge(found, truth(), same_ids=True)
+    assert (errors.distances.mean_m, errors.distances.median_m) == pytest.approx((0.2, 0.2))
+    assert errors.distances.within == {"0.15": pytest.approx(1 / 3), "0.26": pytest.approx(2 / 3), "0.59": 1.0}
+    assert errors.distances.within_sigma == pytest.approx(1 / 3)
+    assert errors.covered == 1.0
+    assert errors.missing == errors.unmatched == ()
+    # Places are told apart by how many cameras saw them.
+    found = ways({1: (TIMES, line(1) + (0.0, 0.3))}, cameras=1)
+    errors = judge(found, truth(), same_ids=True)
+    assert errors.by_cameras["one"].mean_m == pytest.approx(0.3)
+    assert errors.by_cameras["several"].places == errors.by_cameras["none"].places == 0
+    assert errors.to_dict()["by_cameras"]["none"]["mean_m"] is None
 
 
 @pytest.mark.parametrize(
@@ -54,8 +60,8 @@ def test_distances_are_those_that_were_put_in():
     ids=["straight between two true instants", "nothing is compared outside the truth"],
 )
 def test_the_true_way(times, places):
-    judged = judge(ways({1: (times, line(1, times))}), truth(), same_ids=True)
-    assert (judged.distances.places, judged.distances.mean_m) == (places, pytest.approx(0.0, abs=1e-9))
+    errors = judge(ways({1: (times, line(1, times))}), truth(), same_ids=True)
+    assert (errors.distances.places, errors.distances.mean_m) == (places, pytest.approx(0.0, abs=1e-9))
 
 
 def test_people_are_matched_one_to_one_by_where_they_are():
@@ -65,26 +71,18 @@ def test_people_are_matched_one_to_one_by_where_they_are():
         72: (TIMES[25:], line(1)[25:]),
         73: (TIMES, line(2) + (0.0, 40.0)),
     })  # fmt: skip
-    judged = judge(found, truth())
-    assert judged.matched == {70: 3, 71: 1}
-    assert judged.unmatched == (72, 73)
-    assert judged.missing == (2,)
-    assert judged.covered == pytest.approx((40 + 25) / 120)
-    assert judged.distances.places == 65
+    errors = judge(found, truth())
+    assert errors.matched == {70: 3, 71: 1}
+    assert errors.unmatched == (72, 73)
+    assert errors.missing == (2,)
+    assert errors.covered == pytest.approx((40 + 25) / 120)
+    assert errors.distances.places == 65
 
 
 def test_two_who_changed_their_names_half_way_are_half_wrong():
     late = (TIMES[len(TIMES) // 2] <= TIMES)[:, None]
     first, second = np.where(late, line(2), line(1)), np.where(late, line(1), line(2))
     assert judge(ways({1: (TIMES, first), 2: (TIMES, second)}), truth((1, 2))).distances.mean_m == pytest.approx(1.5)
-
-
-def test_places_are_told_apart_by_how_many_cameras_saw_them():
-    found = ways({1: (TIMES, line(1) + (0.0, 0.3))}, cameras=1)
-    judged = judge(found, truth(), same_ids=True)
-    assert judged.by_cameras["one"].mean_m == pytest.approx(0.3)
-    assert judged.by_cameras["several"].places == judged.by_cameras["none"].places == 0
-    assert judged.to_dict()["by_cameras"]["none"]["mean_m"] is None
 
 
 def test_the_estimated_world_is_placed_upon_the_true_one():

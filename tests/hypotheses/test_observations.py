@@ -1,4 +1,4 @@
-"""What one camera's observations are: another reading is found where it is right, and none where the stated one is."""
+"""What cameras observed, read otherwise or in another box format: found where that is right, and not where it is wrong."""
 
 from dataclasses import replace
 
@@ -9,17 +9,22 @@ from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.core.quarter_turns import turn_seen
 from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
+from passerby.findings.texts import text_of
+from passerby.hypotheses.box_formats import find_shifted_boxes
+from passerby.hypotheses.findings import boxes_in_other_format
 from passerby.hypotheses.observations import examine_readings
 from passerby.hypotheses.readings import mirrored
 from passerby.hypotheses.registration import find_bodies
 from passerby.people.body_centres import PeopleRays, identified_body_centres
 from passerby.simulation import SimulationOptions, simulate
+from passerby.solver.people import PeopleOptions, PeopleSolution
 from support.datasets.cmc import write_cmc
-from support.scenes.people_and_rigs import part, simulated, without_poses
+from support.scenes.people_and_rigs import part, simulated, solve, without_poses
 from support.scenes.walking_area import Walk
 from support.tiers import thinned
 
 NAME = "C2"
+SOLVING = PeopleOptions(max_sightings=4000)
 
 
 def examined(change, rig=None):  # type: ignore[no-untyped-def]
@@ -35,17 +40,13 @@ def boxes_only(seen: CameraObservations) -> CameraObservations:
     return CameraObservations(seen.boxes)
 
 
-def halved(seen: CameraObservations) -> CameraObservations:
-    return CameraObservations(replace(seen.boxes, ltwh=0.5 * seen.boxes.ltwh))
-
-
 @thinned(
     ("code", "change"),
     [
         ("image_mirrored", lambda seen, lens: mirrored(boxes_only(seen), lens.size)),
         ("image_turned", lambda seen, lens: turn_seen(boxes_only(seen), lens.size, 180)),
         ("image_overturned", lambda seen, lens: turn_seen(mirrored(boxes_only(seen), lens.size), lens.size, 180)),
-        ("smaller_image", lambda seen, lens: halved(seen)),
+        ("smaller_image", lambda seen, lens: CameraObservations(replace(seen.boxes, ltwh=0.5 * seen.boxes.ltwh))),
     ],
     every=3,
 )
@@ -104,3 +105,46 @@ def test_a_low_camera_is_not_taken_for_an_overturned_one_below_the_ground(tmp_pa
 def test_nothing_is_found_in_short_recordings(seed: int) -> None:
     scene = simulate(SimulationOptions(preset="construction", seed=seed, cameras=3, people=4, seconds=3.0))
     assert examine_readings(Solution("people", scene.rig, "accepted"), scene.observations, clocks=True) == []
+
+
+def solved(preset: str, share: float, *names: str) -> PeopleSolution:
+    """A solution by the boxes of a scene of 20 s, those of some cameras shifted right and down by a share of their size."""
+    scene = simulated(preset)
+    cameras = {}
+    for name, seen in part(scene.observations).cameras.items():
+        ltwh = np.array(seen.boxes.ltwh)
+        ltwh[:, :2] += (share if name in names else 0.0) * ltwh[:, 2:]
+        cameras[name] = CameraObservations(replace(seen.boxes, ltwh=ltwh))
+    solution = solve(scene.rig, Observations(cameras, scene.observations.fps), options=SOLVING)
+    assert isinstance(solution, PeopleSolution)
+    return solution
+
+
+@thinned("preset", ["terrace", "basketball", "construction"])
+@pytest.mark.parametrize("share", [0.0, 0.06])
+def test_boxes_as_stated_raise_nothing(preset: str, share: float) -> None:
+    assert find_shifted_boxes(solved(preset, share, *simulated(preset).rig.names)) is None
+
+
+def test_exact_boxes_raise_nothing() -> None:
+    """Their lower edges move with the feet: as boxes do whose middles were read as corners, but statures do not show it."""
+    scene = simulate(SimulationOptions(people=6, seconds=20.0, fps=10.0, box_noise=0.0))
+    solution = solve(scene.rig, part(scene.observations), options=SOLVING)
+    assert isinstance(solution, PeopleSolution)
+    assert find_shifted_boxes(solution) is None
+
+
+@thinned(("preset", "share"), [("basketball", 0.5), ("terrace", 0.5), ("construction", -0.5), ("basketball", -0.5)], quick=1)
+def test_centres_read_as_corners_in_all_cameras_are_found(preset: str, share: float) -> None:
+    names = simulated(preset).rig.names
+    found = find_shifted_boxes(solved(preset, share, *names))
+    assert found.cameras == names
+    assert abs(found.shift - share) < 3 * np.hypot(found.sigma, 0.05)
+    finding = boxes_in_other_format(found)
+    assert finding.values["box_format"] == ("centres" if share > 0 else "ltwh")
+    assert f'set boxes = "{finding.values["box_format"]}"' in text_of(finding)
+
+
+def test_centres_read_as_corners_in_one_camera_are_found() -> None:
+    found = find_shifted_boxes(solved("basketball", 0.5, "C2"))
+    assert found.cameras == ("C2",)

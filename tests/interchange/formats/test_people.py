@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from passerby.cli.main import app
-from passerby.core.observations import BODY_17, Keypoints
-from passerby.interchange.coco import read_keypoints, write_keypoints
+from passerby.cli.main import run
+from passerby.core.observations import BODY_17
+from passerby.interchange.coco import read_keypoints
 from passerby.interchange.formats import read_people_as
 from passerby.interchange.motchallenge import read_boxes
 from support.refusals import refused
@@ -29,12 +28,6 @@ def read(form, folder, content):
         return read_people_as(form, folder)
     (folder / "people.json").write_text(json.dumps(content))
     return read_people_as(form, folder / "people.json")
-
-
-def imported(form, source, out):
-    result = CliRunner().invoke(app, ["import", str(source), "--format", form, "-o", str(out)])
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def places(keypoints):
@@ -76,14 +69,11 @@ HALPE = {name: place for place, name in enumerate(BODY_17)} | {
 WHOLE_BODY = {"left_heel": 19}
 
 
-@pytest.mark.parametrize(
-    ("form", "count", "known", "kept"),
-    [
-        ("openpose", 25, BODY_25, 25), ("openpose", 18, COCO_18, 18), ("openpose", 17, {}, 17), ("openpose", 26, HALPE, 26),
-        ("openpose", 133, WHOLE_BODY, 23), ("openpose", 136, HALPE, 26), ("alphapose", 17, {}, 17),
-        ("alphapose", 26, HALPE, 26),         ("alphapose", 136, HALPE, 26), ("coco", 17, {}, 17),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("form", "count", "known", "kept"), [
+    ("openpose", 25, BODY_25, 25), ("openpose", 18, COCO_18, 18), ("openpose", 17, {}, 17), ("openpose", 26, HALPE, 26),
+    ("openpose", 133, WHOLE_BODY, 23), ("openpose", 136, HALPE, 26), ("alphapose", 17, {}, 17),
+    ("alphapose", 26, HALPE, 26), ("alphapose", 136, HALPE, 26), ("coco", 17, {}, 17),
+])  # fmt: skip
 def test_keypoints_are_those_of_the_columns(tmp_path, form, count, known, kept):
     values = body(count)
     content = {
@@ -96,41 +86,29 @@ def test_keypoints_are_those_of_the_columns(tmp_path, form, count, known, kept):
     assert known or list(found.values()) == list(range(17))
 
 
-@pytest.mark.parametrize(
-    ("form", "content", "frames", "notes"),
-    [
-        ("openpose", {"w_000000000000_keypoints.json": [], "w_000000000011_keypoints.json": [walker(body(25))]}, [12],
-         COUNTED_FROM_0),
-        *(("openpose", {name.format(n): [walker(body(25))] for n in (3, 10)}, [3, 10], ())
-          for name in ("cam1_{:06d}.json", "picture {}_keypoints.json", "C1.{:04d}.json")),
-        ("alphapose", [alpha("0.jpg"), alpha("12.jpg")], [1, 13], COUNTED_FROM_0),
-        ("alphapose", [alpha(17), alpha(3)], [3, 17], ()),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("form", "content", "frames", "notes"), [
+    ("openpose", {"w_000000000000_keypoints.json": [], "w_000000000011_keypoints.json": [walker(body(25))]}, [12],
+     COUNTED_FROM_0),
+    *(("openpose", {name.format(n): [walker(body(25))] for n in (3, 10)}, [3, 10], ())
+      for name in ("cam1_{:06d}.json", "picture {}_keypoints.json", "C1.{:04d}.json")),
+    ("alphapose", [alpha("0.jpg"), alpha("12.jpg")], [1, 13], COUNTED_FROM_0),
+    ("alphapose", [alpha(17), alpha(3)], [3, 17], ()),
+])  # fmt: skip
 def test_frames_are_from_the_names_of_files(tmp_path, form, content, frames, notes):
     found = read(form, tmp_path, content)
     assert (found.keypoints.frame.tolist(), found.notes, len(found.boxes)) == (frames, notes, 0)
 
 
-@pytest.mark.parametrize(
-    ("images", "frames"),
-    [
-        ([{"id": 51, "frame": 9, "file_name": "x3.jpg"}, {"id": 7, "frame": 8, "file_name": "x4.jpg"}], [9, 8]),
-        ([{"id": 51, "frame_id": 2, "file_name": "x3.jpg"}, {"id": 7, "frame_id": 1, "file_name": "x4.jpg"}], [2, 1]),
-        ([{"id": 51}, {"id": 7}], [51, 7]),
-        ([{"id": "a", "file_name": "0.png"}, {"id": 7, "file_name": "1.png"}], [0, 1]),
-    ],
-)
+@pytest.mark.parametrize(("images", "frames"), [
+    ([{"id": 51, "frame": 9, "file_name": "x3.jpg"}, {"id": 7, "frame": 8, "file_name": "x4.jpg"}], [9, 8]),
+    ([{"id": 51, "frame_id": 2, "file_name": "x3.jpg"}, {"id": 7, "frame_id": 1, "file_name": "x4.jpg"}], [2, 1]),
+    ([{"id": 51}, {"id": 7}], [51, 7]),
+    ([{"id": "a", "file_name": "0.png"}, {"id": 7, "file_name": "1.png"}], [0, 1]),
+])  # fmt: skip
 def test_frames_of_coco_are_stated_or_of_the_images(tmp_path, images, frames):
     found = read("coco", tmp_path, annotations([coco(images[0]["id"], (1, 1, 2, 2)), coco(7, (3, 3, 4, 4))], images)).boxes
     at = {int(ltwh[0]): int(frame) for ltwh, frame in zip(found.ltwh, found.frame, strict=True)}
     assert at == {1: frames[0], 3: frames[1]}
-
-
-@pytest.mark.parametrize("form", ["openpose", "alphapose", "coco"])
-def test_nobody_at_all(tmp_path, form):
-    found = read(form, tmp_path, {"a_1.json": []} if form == "openpose" else [])
-    assert len(found.keypoints) == len(found.boxes) == 0
 
 
 def test_what_openpose_did_not_find_is_not_there(tmp_path):
@@ -144,9 +122,12 @@ def test_what_openpose_did_not_find_is_not_there(tmp_path):
     score = dict(zip(found.keypoints.joints, found.keypoints.score[0], strict=True))
     assert [score[name] for name in ("nose", "left_eye", "right_eye", "left_ear", "right_ear")] == [0, 0, 0, 1, 0.5]
     assert {"one keypoint has the confidence 1.07: it becomes 1", "one person without a keypoint is left out"} <= {*found.notes}
+    for form in ("openpose", "alphapose", "coco"):
+        empty = read(form, tmp_path, {"a_0.json": []} if form == "openpose" else [])
+        assert len(empty.keypoints) == len(empty.boxes) == 0
 
 
-def test_identities_of_openpose_are_kept_and_nobody_is_twice(tmp_path):
+def test_identities_of_openpose_are_kept_and_no_person_is_there_twice(tmp_path):
     people = [walker(body(25), 7), walker(body(25, 300.0, 0.9), 7), walker(body(25, 500.0), 2), *2 * [walker(body(25, 9.0))]]
     found = read("openpose", tmp_path, {"a_0.json": people})
     by = {float(xy[0, 0]): identity for xy, identity in zip(found.keypoints.xy, found.keypoints.identity, strict=True)}
@@ -164,27 +145,32 @@ def test_boxes_and_tracks_of_alphapose(tmp_path):
     assert (found.boxes.ltwh[0].tolist(), found.boxes.score.tolist()) == (second, [2.9] * 3)
 
 
-@pytest.mark.parametrize(
-    ("indices", "identities", "tracked"),
-    [([[0.0], [0.0, 0.0], [0.0]], [-1, -1, -1], False), ([[2.0], [[5.0], [5.0]], [1, 4]], [-1, 2, 5], True)],
-)
+@pytest.mark.parametrize(("indices", "identities", "tracked"), [
+    ([[0.0], [0.0, 0.0], [0.0]], [-1, -1, -1], False), ([[2.0], [[5.0], [5.0]], [1, 4]], [-1, 2, 5], True),
+])  # fmt: skip
 def test_tracks_of_alphapose_in_lists(tmp_path, indices, identities, tracked):
     found = read("alphapose", tmp_path, [alpha("0.jpg", start=300.0 * k, idx=idx) for k, idx in enumerate(indices)])
     assert sorted(found.keypoints.identity.tolist()) == identities
     assert any("not tracked" in note for note in found.notes) == (not tracked)
 
 
-def test_the_command_writes_what_a_scene_takes(tmp_path):
+def test_the_command_writes_what_a_scene_takes(tmp_path, capsys):
     (tmp_path / "C1").mkdir()
     people = {0: walker(body(25)), 5: walker(body(25, 300.0), 4)}
     read("openpose", tmp_path / "C1", {f"w_{frame:012d}_keypoints.json": [one] for frame, one in people.items()})
-    imported("openpose", tmp_path / "C1", tmp_path / "keypoints/C1.json")
-    found = read_keypoints(tmp_path / "keypoints/C1.json")
+    out = tmp_path / "keypoints/C1.json"
+    assert run(["import", str(tmp_path / "C1"), "--format", "openpose", "-o", str(out)]) == 0
+    found = read_keypoints(out)
     assert (found.frame.tolist(), found.identity.tolist()) == ([1, 6], [-1, 4])
     np.testing.assert_array_equal(found.xy[1, found.joints.index("left_ankle")], (314, 414))
+    again = read_people_as("coco", out).keypoints
+    assert (again.frame.tolist(), again.identity.tolist()) == ([1, 6], [-1, 4])
+    np.testing.assert_array_equal(again.xy[1, again.joints.index("left_ankle")], (314, 414))
     read("alphapose", tmp_path, [alpha("4.jpg", box=[90.0, 180, 60, 170], idx=3), alpha("6.jpg", box=[1, 2, 0, 4], idx=3)])
-    assert "one flat box is left out" in imported("alphapose", tmp_path / "people.json", tmp_path / "tracks/C1.txt")
-    boxes = read_boxes(tmp_path / "tracks/C1.txt")
+    out = tmp_path / "tracks/C1.txt"
+    assert run(["import", str(tmp_path / "people.json"), "--format", "alphapose", "-o", str(out)]) == 0
+    assert "one flat box is left out" in "".join(capsys.readouterr())
+    boxes = read_boxes(out)
     assert (boxes.frame.tolist(), boxes.identity.tolist()) == ([5], [3])
 
 
@@ -200,9 +186,7 @@ def test_annotations_of_coco(tmp_path):
     assert found.boxes.score.tolist() == [1.0, 1.0, 0.8]
     np.testing.assert_array_equal(found.boxes.ltwh[1], (50, 60, 7, 8))
     assert (found.keypoints.frame.tolist(), found.keypoints.score[0, 0], found.notes) == ([3, 4], 0.25, ())
-
-
-def test_results_of_coco_without_images(tmp_path):
+    # Results of a detector have no images.
     results = [coco(12, score=0.5, keypoints=body(third=1.02)), coco(2, score=0.25, keypoints=body(third=0))]
     found = read("coco", tmp_path, results)
     assert (found.boxes.frame.tolist(), found.boxes.score.tolist()) == ([2, 12], [0.25, 0.5])
@@ -234,14 +218,6 @@ def test_only_people_of_coco_count(tmp_path):
     assert "walker" in alone.notes[0]
 
 
-def test_what_passerby_writes_is_read_as_coco(tmp_path):
-    xy = np.random.default_rng(0).uniform(0, 900, (2, 17, 2)).round(3)
-    write_keypoints(tmp_path / "C1.json", Keypoints(np.array([0, 4]), np.array([2, -1]), xy, np.full((2, 17), 0.5)))
-    found = read_people_as("coco", tmp_path / "C1.json").keypoints
-    assert (found.frame.tolist(), found.identity.tolist()) == ([0, 4], [2, -1])
-    np.testing.assert_array_equal(found.xy, xy)
-
-
 def one(**values):
     return {"a_1.json": [walker(body(25)) | values]}
 
@@ -254,7 +230,6 @@ BROKEN = {
         ({"a_1.json": "{"}, r"a_1.json: line 1: is not JSON"),
         ({"a_1.json": "[]"}, r"a_1.json: has no list `people`"),
         ({"a_1.json": [{}]}, r"people\[0\]: has no pose_keypoints_2d"),
-        (one(pose_keypoints_2d=[1, 2, float("inf")]), "holds inf: finite numbers"),
         (one(pose_keypoints_2d=[10**400, 1, 1]), "finite numbers"),
         ({"a_1.json": [walker(body(25)), walker(body(18))]}, "54 numbers.* others 75"),
         (one(pose_keypoints_2d=[0.5, 0.25, 0.9] * 25), "--keypoint_scale 0"),
@@ -278,14 +253,12 @@ BROKEN = {
         ({"images": []}, "has neither annotations"),
         ({"annotations": []}, "images is missing"),
         (annotations([coco(3)]), "image_id 3 is none of the images"),
-        (annotations([coco([1])]), r"image_id \[1\] is none of the images"),
         (annotations([], [{"file_name": "1.jpg"}]), r"images\[0\]: needs an `id`"),
         (annotations([], [{"id": 1, "file_name": "a/1.jpg"}, {"id": 2, "file_name": "b/2.jpg"}]), "differ in more"),
         (annotations([], [{"id": 1, "file_name": "1.jpg"}, {"id": 2}]), "others none"),
         (annotations([], [{"id": 1, "frame": 4}, {"id": 2, "frame": 4}]), "frame 4 is that of image 1 too"),
         (annotations([], [{"id": 1, "frame": 4}, {"id": 1, "frame": 5}]), "image id 1 occurs twice"),
         (annotations([], [{"id": 1, "frame": 4.5}]), "frame is 4.5"),
-        (annotations([], [{"id": 1, "frame": 10**30}]), "frame is 10000"),
         (annotations([coco(box=(10**400, 2, 3, 4))]), "bbox holds 10000.*finite numbers"),
         (annotations([coco(keypoints=body(4))]), "keypoints have 12 numbers, but the category has 17"),
         (annotations([coco() | {"bbox": 3}]), "bbox is 3: a list of numbers is needed"),
@@ -305,22 +278,19 @@ BROKEN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("form", "content", "told"), [(form, *row) for form, rows in BROKEN.items() for row in rows])
-def test_broken_files_are_told(tmp_path, form, content, told):
-    with refused(told, tmp_path):
+@pytest.mark.parametrize(("form", "content", "message"), [(form, *row) for form, rows in BROKEN.items() for row in rows])
+def test_broken_files_are_refused_with_their_place_and_value(tmp_path, form, content, message):
+    with refused(message, tmp_path):
         read(form, tmp_path, content)
 
 
-@pytest.mark.parametrize(
-    ("form", "place", "told"),
-    [
-        ("openpose", "a_1.json", "give the folder of --write_json"),
-        ("alphapose", ".", "is a folder: give the file alphapose-results.json in it"),
-        ("coco", ".", "is a folder: give the JSON file in it"),
-        ("kalibr", ".", r"format kalibr holds no people: .*coco.* do"),
-    ],
-)
-def test_a_file_for_a_folder_and_a_folder_for_a_file_are_told(tmp_path, form, place, told):
+@pytest.mark.parametrize(("form", "place", "message"), [
+    ("openpose", "a_1.json", "give the folder of --write_json"),
+    ("alphapose", ".", "is a folder: give the file alphapose-results.json in it"),
+    ("coco", ".", "is a folder: give the JSON file in it"),
+    ("kalibr", ".", r"format kalibr holds no people: .*coco.* do"),
+])  # fmt: skip
+def test_a_file_for_a_folder_and_a_folder_for_a_file_are_refused(tmp_path, form, place, message):
     (tmp_path / "a_1.json").write_text("{}")
-    with refused(told, "" if form == "kalibr" else tmp_path):
+    with refused(message, "" if form == "kalibr" else tmp_path):
         read_people_as(form, tmp_path / place)

@@ -1,6 +1,7 @@
-"""Every format that is written and read: points stay at their pixels, or it is told how far they are off."""
+"""Every format that is written and read: points stay at their pixels, or it is stated how far they are off."""
 
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats import Export, Given, all_formats, export, read_rig_as
+from passerby.interchange.formats import lens_models as lm
 from passerby.interchange.formats.format import Losses
 from support.scenes.handmade_rigs import NASTY_NAMES, facing, read_back, written
 from support.scenes.rigs_to_draw import ways
@@ -19,56 +21,35 @@ from support.tiers import thinned
 SIZE = (1280, 720)
 NAMES = ("Hall 1.north", "C-2")
 TOLERANCE_PX = 1e-6
-
 RADTAN = (-0.21, 0.06, 0.0012, -0.0017)
-PRISM = (0.0011, -0.0006, 0.0008, 0.0003)
+RATIONAL = (*RADTAN, 0.01, 0.021, -0.012, 0.004)
+PRISM = (*RATIONAL, 0.0011, -0.0006, 0.0008, 0.0003)
+BENT_FISHEYE = (0.031, -0.012, 0.0021, -0.0004)
 KINDS = {
-    "pinhole": (),
-    "radtan 4": RADTAN,
-    "radtan 5": (*RADTAN, -0.009),
-    "rational 8": (*RADTAN, 0.01, 0.021, -0.012, 0.004),
-    "prism 12": (*RADTAN, 0.01, 0.021, -0.012, 0.004, *PRISM),
-    "tilted 14": (*RADTAN, 0.01, 0.021, -0.012, 0.004, *PRISM, 0.013, -0.021),
-    "fisheye": (0.031, -0.012, 0.0021, -0.0004),
-    "skewed": (),
-    "skewed radtan 4": RADTAN,
-    "skewed rational 8": (*RADTAN, 0.01, 0.021, -0.012, 0.004),
-    "skewed fisheye": (0.031, -0.012, 0.0021, -0.0004),
-    "estimated": (-0.12, 0.0, 0.0, 0.0),
-    "estimated wide": (-0.3, 0.0, 0.0, 0.0),
-    "estimated fisheye": (0.03, 0.0, 0.0, 0.0),
-}
-"""Distortion of the lenses."""
+    "pinhole": (), "radtan 4": RADTAN, "radtan 5": (*RADTAN, -0.009), "rational 8": RATIONAL, "prism 12": PRISM,
+    "tilted 14": (*PRISM, 0.013, -0.021), "fisheye": BENT_FISHEYE, "skewed": (), "skewed radtan 4": RADTAN,
+    "skewed rational 8": RATIONAL, "skewed fisheye": BENT_FISHEYE, "estimated": (-0.12, 0.0, 0.0, 0.0),
+    "estimated wide": (-0.3, 0.0, 0.0, 0.0), "estimated fisheye": (0.03, 0.0, 0.0, 0.0),
+}  # fmt: skip
+"""Distortion of the lenses. Estimated ones are as people give them: one focal length, one coefficient, which turns over within
+the picture where the lens is wide."""
 SKEWS = {"skewed": 2.5, "skewed radtan 4": 30.0, "skewed rational 8": 0.4, "skewed fisheye": 5.0}
 """Of the camera matrix, pixels; of the others 0."""
-
 ESTIMATED = {"estimated", "estimated wide"}
-"""As people give them: one focal length, one coefficient, which turns over within the picture where the lens is wide."""
 FISHEYES = {"fisheye", "estimated fisheye"}
 RADTANS = {"pinhole", "radtan 4", "radtan 5", *ESTIMATED}
-ALL_BUT_SKEW = {*RADTANS, "rational 8", "prism 12", "tilted 14", *FISHEYES}
+UP_TO_8 = {*RADTANS, "rational 8", *FISHEYES}
+ALL_BUT_SKEW = {*UP_TO_8, "prism 12", "tilted 14"}
 HOLDS = {
-    "colmap": {*RADTANS, "rational 8", *FISHEYES},
-    "colmap-bin": {*RADTANS, "rational 8", *FISHEYES},
-    "opencv": {*ALL_BUT_SKEW, "skewed fisheye"},
-    "anipose": ALL_BUT_SKEW,
-    "pose2sim": ALL_BUT_SKEW - FISHEYES,
-    "caliscope": ALL_BUT_SKEW,
-    "freemocap": ALL_BUT_SKEW,
-    "easymocap": RADTANS,
-    "kalibr": {"pinhole", "radtan 4", *ESTIMATED, *FISHEYES},
-    "ros": {*RADTANS, "rational 8", *FISHEYES},
-    "nerfstudio": {*RADTANS, *FISHEYES},
-    "mv3dt": {*RADTANS, "skewed"},
-    "amc": {"pinhole", "skewed"},
-    "krt-json": RADTANS,
-    "panoptic": RADTANS,
-}
+    "colmap": UP_TO_8, "colmap-bin": UP_TO_8, "opencv": {*ALL_BUT_SKEW, "skewed fisheye"}, "anipose": ALL_BUT_SKEW,
+    "pose2sim": ALL_BUT_SKEW - FISHEYES, "caliscope": ALL_BUT_SKEW, "freemocap": ALL_BUT_SKEW, "easymocap": RADTANS,
+    "kalibr": {"pinhole", "radtan 4", *ESTIMATED, *FISHEYES}, "ros": UP_TO_8, "nerfstudio": {*RADTANS, *FISHEYES},
+    "mv3dt": {*RADTANS, "skewed"}, "amc": {"pinhole", "skewed"}, "krt-json": RADTANS, "panoptic": RADTANS,
+}  # fmt: skip
 """Which lenses each format holds as they are."""
 KEEPS_UNPOSED = {"opencv", "caliscope", "ros"}
 RENAMES = {"colmap", "colmap-bin", "opencv"}
 """Where a camera may have another name afterwards; the others keep every name."""
-
 ROUND_TRIPS = {form.name: form for form in all_formats() if form.write and form.read}
 FORMATS = sorted(ROUND_TRIPS)
 WRITTEN = {form.name: form for form in all_formats() if form.write and form.name != "rerun"}
@@ -258,3 +239,48 @@ def test_lengths_are_in_the_given_unit(name, tmp_path):
     places = [read_back(name, target(name, tmp_path), metres_per_unit=unit, size=(1920, 1080))[0] for unit in (1.0, 0.5)]
     (one,), (half,) = places
     np.testing.assert_allclose(half.centre, one.centre / 2, atol=1e-9)
+
+
+MATRIX = np.array([[900.0, 0, 652], [0, 911, 349], [0, 0, 1]])
+SKEWED = MATRIX + np.array([[0, 30.0, 0], [0, 0, 0], [0, 0, 0]])
+
+
+def lens_with(*coefficients, matrix=MATRIX):
+    return Lens(SIZE, matrix, np.array(coefficients))
+
+
+@pytest.mark.parametrize(
+    "model", [lm.RADTAN_5, replace(lm.PRISM_12, centred=True), replace(lm.TILTED_14, skew=True, one_focal=True)]
+)
+def test_derivatives_are_those_of_differences(model):
+    lens = lm._drop_unsupported(
+        lens_with(*RATIONAL, 1e-3, -1e-3, 5e-4, 2e-4, 0.01, -0.02, matrix=SKEWED),
+        model,
+    )
+    rays = np.random.default_rng(1).uniform((-0.6, -0.35, 1), (0.6, 0.35, 1.2), (30, 3))
+    numbers = lm._numbers(lens, model)
+    found = lm._slopes(lens, model, rays)
+    assert found.shape == (60, numbers.size)
+    for index, number in enumerate(numbers):
+        step = np.zeros(numbers.size)
+        step[index] = 1e-6 * max(1.0, abs(number))
+        ahead, behind = (lm._lens(lens, model, numbers + sign * step).project_rays(rays).ravel() for sign in (1, -1))
+        difference = (ahead - behind) / (2 * step[index])
+        np.testing.assert_allclose(found[:, index], difference, atol=1e-4 * np.abs(difference).max())
+
+
+def test_a_fit_that_fails_is_no_lens(monkeypatch):
+    """Another model is tried then, or the caller reports the error."""
+
+    def broken(*arguments, **named):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    rays = lm.Rays.of(lens_with(*RATIONAL))
+    assert lm.fit_lens_model(rays, lm.RADTAN_5, lens_with()) is not None
+    monkeypatch.setattr(lm, "least_squares", broken)
+    assert lm.fit_lens_model(rays, lm.RADTAN_5, lens_with()) is None
+
+
+def test_a_lens_without_any_ray_is_an_error():
+    with pytest.raises(InputError, match=r"camera C: its lens .* cannot even be fitted"):
+        lm.express_lens(Camera("C", lens_with(-3.0, 0, 0, 0, matrix=np.diag([30.0, 30, 1]))), (lm.PINHOLE,), Losses())

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
@@ -80,7 +81,7 @@ def test_people_come_and_go_with_time(written):
     seconds = np.array([moment.value for moment in person["time"]]) / 1e9
     frames = np.array(person["frame"].to_pylist())
     there = [len(row) for row in positions.to_pylist()]
-    # Three places and nobody, one place and nobody.
+    # Three places and none, one place and none.
     assert (there, frames.tolist()) == ([1, 1, 1, 0, 1, 0], [1, 2, 3, 4, 60, 61])
     np.testing.assert_allclose(seconds, found.clock.seconds(frames.astype(float)), atol=1e-6)
     np.testing.assert_allclose([row[0] for row in positions.to_pylist() if row], found.xyz[:4], atol=1e-6)
@@ -88,6 +89,14 @@ def test_people_come_and_go_with_time(written):
     (half_sizes,) = [column for name, column in sigmas.items() if name.endswith("half_sizes")]
     assert [len(row) for row in half_sizes.to_pylist()] == [1, 0, 1, 0, 1, 0]  # the second place has no sigma
     np.testing.assert_allclose(half_sizes.to_pylist()[2][0][:2], [0.2 / np.sqrt(2)] * 2, rtol=1e-6)
+    # Single places without sigmas are points alone.
+    static, timed, _ = written(rig(), replace(found, sigma_m=np.full(6, np.nan), part=np.arange(6)))
+    assert len([name for name in timed if name.startswith("/world/people/")]) == 2
+    assert not [name for name in (*static, *timed) if "/ways/" in name or "/people_sigmas/" in name]
+    # A name is one part of a path.
+    (path,) = [path for path in static if path.startswith("/world/cameras/") and not path.endswith("C2")]
+    assert "script" in path
+    assert path.replace("\\/", "").count("/") == 3
 
 
 def test_sigmas_are_ellipsoids(written):
@@ -99,17 +108,8 @@ def test_sigmas_are_ellipsoids(written):
     np.testing.assert_allclose(values(static["/world/camera_sigmas/C1"], "half_sizes"), [0.3 / np.sqrt(3)] * 3, rtol=1e-6)
     ball = static["/world/camera_sigmas/C2"]
     np.testing.assert_allclose(values(ball, "half_sizes"), (0.01, 0.02, 0.03), rtol=1e-5)
-    from scipy.spatial.transform import Rotation
-
     axes = Rotation.from_quat(values(ball, "quaternions")).as_matrix()
     np.testing.assert_allclose(axes @ np.diag(values(ball, "half_sizes") ** 2) @ axes.T, covariance[:3, :3], atol=1e-8)
-
-
-def test_a_name_is_one_part_of_a_path(written):
-    static, _, _ = written(rig())
-    (path,) = [path for path in static if path.startswith("/world/cameras/") and not path.endswith("C2")]
-    assert "script" in path
-    assert path.replace("\\/", "").count("/") == 3
 
 
 def test_without_the_package_the_error_names_the_extra(monkeypatch, tmp_path):
@@ -117,11 +117,3 @@ def test_without_the_package_the_error_names_the_extra(monkeypatch, tmp_path):
     with pytest.raises(InputError, match=r"pip install 'passerby\[rerun\]'"):
         export(Export(rig()), "rerun", tmp_path / "rig.rrd")
     assert not (tmp_path / "rig.rrd").exists()
-
-
-def test_people_of_single_places_without_sigmas_are_points_alone(written):
-    alone = replace(ways(), sigma_m=np.full(6, np.nan), part=np.arange(6))
-    static, timed, _ = written(rig(), alone)
-    people = [name for name in timed if name.startswith("/world/people/")]
-    assert len(people) == 2
-    assert not [name for name in (*static, *timed) if "/ways/" in name or "/people_sigmas/" in name]

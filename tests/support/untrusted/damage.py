@@ -9,6 +9,7 @@ import random
 import re
 import tomllib
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import tomli_w
@@ -16,7 +17,6 @@ import yaml
 
 CHOICES = 24
 """Bytes that decide all of a case."""
-
 WORDS = (
     b"", b"0", b"-1", b"1", b"2", b"nan", b"NaN", b"inf", b"-inf", b"Infinity", b"1e308", b"-1e308", b"1e-320", b"0.5", b"1e400",
     b"9223372036854775807", b"9223372036854775808", b"18446744073709551616", b"1" + b"0" * 30, b"1" + b"0" * 400, b"9" * 5000,
@@ -29,7 +29,6 @@ WORDS = (
     b"12:30:00", b"-0.0", b"1.5", b"256", b"65536", b"4294967296",
 )  # fmt: skip
 """What is put in place of numbers and words, or anywhere."""
-
 VALUES: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 2, 3, 1.5, -0.0, 1e308, -1e308, 5e-324, float("nan"), float("inf"), 10**30, -(10**30), 10**400,
     2**63, 2**53 + 1, "", "a", "a" * 5000, "1", "nan", "\0", "\x1b[31m", "../../x", "/etc/hostname", "metadata", "\u2028",
@@ -37,20 +36,11 @@ VALUES: tuple[Any, ...] = (
     [[0.0] * 3] * 3, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
 )  # fmt: skip
 """What is put in place of a value of JSON, TOML or YAML."""
-
 NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 WORD = re.compile(rb"[^\s,;:=<>\"'\[\]{}]+")
 WHOLE_FILES = (
-    b"",
-    b"\0",
-    b"\xef\xbb\xbf",
-    b"\n",
-    b"[" * 20_000,
-    b'{"a":' * 20_000,
-    b"9" * 20_000,
-    b"<a>" * 20_000,
-    b"- " * 20_000,
-)
+    b"", b"\0", b"\xef\xbb\xbf", b"\n", b"[" * 20_000, b'{"a":' * 20_000, b"9" * 20_000, b"<a>" * 20_000, b"- " * 20_000,
+)  # fmt: skip
 
 
 class Choices:
@@ -127,14 +117,6 @@ def _arbitrary(content: bytes, choices: Choices) -> bytes:
     return b" ".join(noise.choices(WORDS, k=length // 20))
 
 
-def _number_replaced(content: bytes, choices: Choices) -> bytes:
-    return _replaced(NUMBER, content, choices)
-
-
-def _word_replaced(content: bytes, choices: Choices) -> bytes:
-    return _replaced(WORD, content, choices)
-
-
 def _replaced(pattern: re.Pattern[bytes], content: bytes, choices: Choices) -> bytes:
     found = list(pattern.finditer(content))
     if not found:
@@ -173,25 +155,12 @@ def _recoded(content: bytes, choices: Choices) -> bytes:
     return content.replace(b"\n", b"\r\n" if kind == 5 else b"\r")
 
 
-def _json_changed(content: bytes, choices: Choices) -> bytes:
-    return _value_changed(content, choices, json.loads, lambda value: json.dumps(value).encode())
-
-
-def _toml_changed(content: bytes, choices: Choices) -> bytes:
-    return _value_changed(
-        content, choices, lambda text: tomllib.loads(text.decode()), lambda value: tomli_w.dumps(value).encode()
-    )
-
-
-def _yaml_changed(content: bytes, choices: Choices) -> bytes:
-    plain = re.sub(rb"\A%YAML.*|!!opencv-matrix", b"", content)
-    return _value_changed(plain, choices, yaml.safe_load, lambda value: yaml.safe_dump(value).encode())
-
-
-def _value_changed(content: bytes, choices: Choices, load: Callable[[bytes], Any], dump: Callable[[Any], bytes]) -> bytes:
+def _value_changed(load: Callable[[str], Any], dump: Callable[[Any], str], content: bytes, choices: Choices) -> bytes:
     """One value, key or entry changed by its place in the parsed file."""
+    if load is yaml.safe_load:
+        content = re.sub(rb"\A%YAML.*|!!opencv-matrix", b"", content)
     try:
-        root = load(content)
+        root = load(content.decode())
         places = list(_places(root))
         if not places:
             return _inserted(content, choices)
@@ -209,7 +178,7 @@ def _value_changed(content: bytes, choices: Choices, load: Callable[[bytes], Any
             owner[key] = owner[key] * 2
         else:
             owner[key] = choices.of(VALUES)
-        return dump(root)
+        return dump(root).encode()
     except (ValueError, TypeError, RecursionError, AttributeError, yaml.YAMLError, OverflowError):
         return _inserted(content, choices)
 
@@ -226,8 +195,11 @@ Damage = Callable[[bytes, Choices], bytes]
 ANYTHING: tuple[Damage, ...] = (
     _flipped, _overwritten, _cut, _without_span, _span_twice, _inserted, _arbitrary,
 )  # fmt: skip
+_number_replaced, _word_replaced = partial(_replaced, NUMBER), partial(_replaced, WORD)
 TEXT: tuple[Damage, ...] = (_number_replaced, _word_replaced, _number_replaced, _lines_changed, _recoded)
+_yaml_changed = partial(_value_changed, yaml.safe_load, yaml.safe_dump)
 PARSED: dict[str, tuple[Damage, ...]] = {
-    ".json": (_json_changed,), ".toml": (_toml_changed,), ".yaml": (_yaml_changed,), ".yml": (_yaml_changed,),
+    ".json": (partial(_value_changed, json.loads, json.dumps),), ".toml": (partial(_value_changed, tomllib.loads, tomli_w.dumps),),
+    ".yaml": (_yaml_changed,), ".yml": (_yaml_changed,),
 }  # fmt: skip
 BINARY = (".npz", ".onnx", ".bin", ".mp4", ".avi", ".mkv", ".png", ".jpg", ".mat", ".pt", ".zip")

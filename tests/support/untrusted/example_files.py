@@ -15,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import yaml
+from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.observations import BODY_17, Boxes, Keypoints
@@ -23,10 +24,10 @@ from passerby.interchange.formats import Export, export
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.video_writer import VideoWriter
+from support.scenes.handmade_rigs import CENTRE, LOOKING_NORTH, MATRIX, SIZE, TRANSLATION
 
 Files = Mapping[str, bytes]
 """Name below a folder -> content; the first is the one that a reader is given, where that is not the folder."""
-
 SCENE = """# two cameras
 [scene]
 name = "court"
@@ -103,15 +104,6 @@ TSAI = """<?xml version="1.0" encoding="UTF-8"?>
  <Extrinsic tx="-4.8" ty="2.25" tz="35.3" rx="1.75" ry="0.42" rz="0.05"/>
 </Camera>
 """
-QUALISYS = (
-    '<?xml version="1.0"?><calibration source="x"><cameras><camera active="1" calibrated="true" serial="26580" '
-    'viewrotation="0"><fov_video left="0" top="0" right="1919" bottom="1087"/>'
-    '<transform x="4000" y="0" z="2000" r11="0" r12="1" r13="0" r21="0" r22="0" r23="1" r31="1" r32="0" r33="0"/>'
-    '<intrinsic focallength="9.3" sensorMinU="0" sensorMaxU="122879" sensorMinV="0" sensorMaxV="69631" '
-    'focalLengthU="102400" focalLengthV="102400" centerPointU="61408" centerPointV="34784" skew="0" '
-    'radialDistortion1="-0.05" radialDistortion2="0.1" radialDistortion3="0" tangentalDistortion1="0.001" '
-    'tangentalDistortion2="0"/></camera></cameras></calibration>'
-)
 NETWORK = 'role = "embedder"\noutput = "embedding"\nlicence = "MIT"\n[input]\ncolour = "rgb"\nscale = 0.0039\nmean = [0.5, 0.5, 0.5]\nstd = [0.2, 0.2, 0.2]\nfit = "stretch"\n'
 
 
@@ -130,94 +122,109 @@ def rig(bent: bool = True) -> Rig:
 
 
 def boxes(identity: int = 1) -> Boxes:
-    """Two people for four frames."""
     frame, who = np.repeat(np.arange(1, 5), 2), np.tile([identity, identity + 1], 4)
     ltwh = np.column_stack([40.0 * who + frame, 100.0 + frame, np.full(8, 31.5), np.full(8, 90.0)])
     return Boxes(frame, who, ltwh, np.full(8, 0.9))
 
 
 def joints() -> Keypoints:
-    """One person for three frames."""
     xy = np.arange(3 * 17 * 2, dtype=np.float64).reshape(3, 17, 2) + 50
     return Keypoints(np.arange(1, 4), np.ones(3, dtype=np.int64), xy, np.full((3, 17), 0.75))
 
 
 def files_of(folder: Path) -> Files:
-    """All files below a folder."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def written(name: str, write: object) -> bytes:
-    """What a function writes that takes a path."""
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder) / name)  # type: ignore[operator]
         return (Path(folder) / name).read_bytes()
 
 
-VICON = (
-    '<?xml version="1.0" encoding="utf-8"?><Cameras VERSION="12"><Camera DEVICEID="2107343" NAME="Front" PIXEL_ASPECT_RATIO="1" '
-    'SENSOR_SIZE="1920 1080" SKEW="0" TYPE="Vue"><KeyFrames><KeyFrame FOCAL_LENGTH="1100.5" FRAME="0" IMAGE_ERROR="0.2" '
-    'ORIENTATION="0.5 0.5 -0.5 0.5" POSITION="1200 -3400 1500" PRINCIPAL_POINT="960 540" '
-    'VICON_RADIAL2="Vicon3Parameter 955 548 -1e-08 1e-15 0"/></KeyFrames></Camera></Cameras>'
-)
+# Files of motion capture whose camera has points at pixels that can be told by hand.
+BENT = (-0.1, 0.02, 0.001, -0.002, 0.003)
+ROWS = [*MATRIX.tolist(), *np.column_stack([LOOKING_NORTH, 1000 * np.array(TRANSLATION)]).tolist(), [0, 0, 0, 1]]
+LINES = [" ".join(map(str, row)) for row in ROWS]
+BIOCV = "\n".join([*map(str, SIZE), *LINES[:3], "", *LINES[3:], "", "0 0 0 0 0", ""])
+
+
+def calibio_camera(model, **parameters):
+    values = {"f": 1000.0, "ar": 1.1, "cx": 960.0, "cy": 540.0} | parameters
+    size = {"CameraModelBase": {"imageSize": dict(zip(("width", "height"), SIZE, strict=True))}}
+    data = {"parameters": {key: {"val": value} for key, value in values.items()}, "CameraModelCRT": size}
+    turn, place = {"rx": np.pi / 2, "ry": 0.0, "rz": 0.0}, dict(zip("xyz", TRANSLATION, strict=True))
+    return {"model": model | {"ptr_wrapper": {"id": 1, "data": data}}, "transform": {"rotation": turn, "translation": place}}
+
+
+# The second camera refers to the model of the first by its number.
+NAMED = {"polymorphic_id": 0x80000001, "polymorphic_name": "libCalib::CameraModelOpenCV"}
+COEFFICIENTS = dict(zip(("k1", "k2", "p1", "p2", "k3"), BENT, strict=True))
+CALIBIO_CAMERAS = [calibio_camera(NAMED), calibio_camera({"polymorphic_id": 1}, **COEFFICIENTS)]
+CALIBIO = json.dumps({"Calibration": {"cameras": CALIBIO_CAMERAS, "poses": [1]}})
+# In Motive's world (y up) this world's (x, y, z) is (x, z, -y): the camera is at (4, 2.5, 3) and looks along -z.
+MOTIVE_LENS = 'HorizontalFocalLength="1000" VerticalFocalLength="1100" LensCenterX="960" LensCenterY="540"'
+MOTIVE_BENT = f'{MOTIVE_LENS} k1="-0.1" k2="0.02" k3="0.003" TangentialX="0.001" TangentialY="-0.002"'
 MOTIVE = (
-    '<?xml version="1.0" encoding="UTF-16LE"?><calibrationProfile version="1"><Calibration><Cameras Count="1">'
-    '<Camera Serial="M123"><Properties CameraID="6"/><Attributes ImagerPixelWidth="1664" ImagerPixelHeight="1088"/>'
-    '<IntrinsicStandardCameraModel HorizontalFocalLength="1200" VerticalFocalLength="1201" LensCenterX="830" '
-    'LensCenterY="540" k1="0.01" k2="-0.02" k3="0.001" TangentialX="0.003" TangentialY="-0.004"/>'
-    '<Extrinsic X="1.5" Y="2.5" Z="3.5" OrientMatrix0="1" OrientMatrix1="0" OrientMatrix2="0" OrientMatrix3="0" '
-    'OrientMatrix4="1" OrientMatrix5="0" OrientMatrix6="0" OrientMatrix7="0" OrientMatrix8="1"/></Camera></Cameras>'
-    "</Calibration></calibrationProfile>"
-).encode("utf-16")
-OPENCAP = pickle.dumps(
-    {
-        "distortion": np.array([[0.12, -0.13, 0.001, -0.002, 0.0]]),
-        "intrinsicMat": np.array([[1156.0, 0, 353.4], [0, 1159.0, 647.5], [0, 0, 1]]),
-        "imageSize": np.array([[1280.0], [720.0]]),
-        "rotation": np.eye(3),
-        "translation": np.array([[100.0], [200.0], [3000.0]]),
-        "rotation_EulerAngles": np.zeros((3, 1)),
-    },
-    protocol=4,
+    '<?xml version="1.0" encoding="UTF-16LE"?><calibrationProfile><Calibration><Cameras><Camera Serial="M7">'
+    '<Properties CameraID="1"/><Attributes ImagerPixelWidth="1920" ImagerPixelHeight="1080"/>'
+    f'<IntrinsicStandardCameraModel {MOTIVE_LENS}/><Extrinsic X="4" Y="2.5" Z="3" OrientMatrix0="1" OrientMatrix1="0" '
+    'OrientMatrix2="0" OrientMatrix3="0" OrientMatrix4="1" OrientMatrix5="0" OrientMatrix6="0" OrientMatrix7="0" '
+    'OrientMatrix8="1"/></Camera></Cameras></Calibration></calibrationProfile>'
 )
-BIOCV = "1920\n1080\n1000 0 960\n0 1000 540\n0 0 1\n\n1 0 0 100\n0 1 0 -50\n0 0 1 4000\n0 0 0 1\n\n-0.1 0.02 0 0 0\n"
-CALIBIO = json.dumps(
-    {"Calibration": {"cameras": [{
-        "model": {
-            "polymorphic_id": 2147483649, "polymorphic_name": "libCalib::CameraModelOpenCV",
-            "ptr_wrapper": {"data": {
-                "parameters": {key: {"val": value} for key, value in (
-                    ("f", 1100.0), ("ar", 1.0), ("cx", 640.0), ("cy", 360.0), ("k1", -0.2), ("k2", 0.05), ("p1", 0.001),
-                )},
-                "CameraModelCRT": {"CameraModelBase": {"imageSize": {"width": 1280, "height": 720}}},
-            }},
-        },
-        "transform": {"rotation": {"rx": 0.1, "ry": 0.2, "rz": 0.3}, "translation": {"x": 1.0, "y": 2.0, "z": 3.0}},
-    }]}}
-)  # fmt: skip
+# Level, 2 m above the floor at x = 4 m, looking along the world's -x: its right is the world's +y, its backward +x.
+QUALISYS_CAMERA = (
+    '<camera active="1" calibrated="true" avg-residual="0.5" serial="26580" model="Miqus Video" viewrotation="0">'
+    '<fov_marker left="0" top="0" right="1919" bottom="1087"/><fov_video left="0" top="0" right="1919" bottom="1087"/>'
+    '<fov_video_max left="0" top="0" right="1919" bottom="1087"/>'
+    '<transform x="4000" y="0" z="2000" r11="0" r12="1" r13="0" r21="0" r22="0" r23="1" r31="1" r32="0" r33="0"/>'
+    '<intrinsic focallength="9.3" sensorMinU="0" sensorMaxU="122879" sensorMinV="0" sensorMaxV="69631" focalLengthU="102400" '
+    'focalLengthV="102400" centerPointU="61408" centerPointV="34784" skew="0" radialDistortion1="0" radialDistortion2="0" '
+    'radialDistortion3="0" tangentalDistortion1="0" tangentalDistortion2="0"/></camera>'
+)
+QUALISYS = f'<?xml version="1.0"?><calibration source="x"><cameras>{QUALISYS_CAMERA}</cameras></calibration>'
+KEYFRAME = (
+    f'<KeyFrame FRAME="0" FOCAL_LENGTH="1000" PRINCIPAL_POINT="960 540" POSITION="{" ".join(str(1000 * x) for x in CENTRE)}" '
+    f'ORIENTATION="{" ".join(map(repr, Rotation.from_matrix(LOOKING_NORTH).as_quat().tolist()))}"/>'
+)
+VICON = (
+    '<?xml version="1.0"?><Cameras><Camera DEVICEID="21" NAME="" SENSOR_SIZE="1920 1080" PIXEL_ASPECT_RATIO="1" SKEW="0">'
+    f"<KeyFrames>{KEYFRAME}</KeyFrames></Camera></Cameras>"
+)
+OPENCAP = {
+    "distortion": np.zeros((1, 5)), "intrinsicMat": MATRIX, "imageSize": np.array([[float(SIZE[1])], [float(SIZE[0])]]),
+    "rotation": LOOKING_NORTH, "translation": 1000 * np.reshape(TRANSLATION, (3, 1)),
+    "rotation_EulerAngles": np.array([[np.pi / 2], [0], [0]]),
+}  # fmt: skip
+
+BY_HAND = {
+    "biocv": ("00.calib", BIOCV), "calibio": ("calib.json", CALIBIO), "motive": ("lab.mcal", MOTIVE),
+    "opencap": ("cam.pickle", OPENCAP), "qualisys": ("Lab.qca.txt", QUALISYS), "vicon": ("lab.xcp", VICON),
+}  # fmt: skip
+"""Format -> name and content of its file."""
 READ_ONLY: dict[str, str | bytes] = {
-    "tsai": TSAI, "qualisys": QUALISYS, "vicon": VICON, "motive": MOTIVE, "opencap": OPENCAP, "biocv": BIOCV, "calibio": CALIBIO,
+    "tsai": TSAI, "calibio": CALIBIO, "biocv": BIOCV.replace("0 0 0 0 0", "-0.1 0.02 0.001 -0.002 0.003"),
+    "motive": MOTIVE.replace(MOTIVE_LENS, MOTIVE_BENT).encode("utf-16"),
+    "opencap": pickle.dumps(OPENCAP | {"distortion": np.array([BENT])}, protocol=4),
+    "qualisys": QUALISYS.replace('radialDistortion1="0"', 'radialDistortion1="-0.05"'),
+    "vicon": VICON.replace("<KeyFrame ", '<KeyFrame VICON_RADIAL2="Vicon3Parameter 955 548 -1e-08 1e-15 0" '),
 }  # fmt: skip
 """Formats that are not written."""
 
 
 def rig_file() -> bytes:
-    """rig.toml."""
     return written("rig.toml", lambda path: write_rig(path, rig()))
 
 
 def boxes_file() -> bytes:
-    """MOTChallenge text."""
     return written("A.txt", lambda path: write_boxes(path, boxes()))
 
 
 def joints_file() -> bytes:
-    """COCO JSON."""
     return written("A.json", lambda path: write_keypoints(path, joints()))
 
 
 def looks_file(rows: int = 8) -> bytes:
-    """Embeddings."""
     held = io.BytesIO()
     np.savez(held, embeddings=np.eye(rows, 4, dtype=np.float32) + 0.1, frame=np.repeat(np.arange(1, 5), 2)[:rows])
     return held.getvalue()
@@ -260,16 +267,12 @@ def exported(name: str, target: str) -> Files:
 
 
 def openpose() -> Files:
-    """Three frames."""
-    people = [
-        {"person_id": [1], "pose_keypoints_2d": [100.5, 50, 0.9] * 25},
-        {"person_id": [-1], "pose_keypoints_2d": [7, 8, 0.5] * 25},
-    ]
+    values = {1: [100.5, 50, 0.9], -1: [7, 8, 0.5]}
+    people = [{"person_id": [who], "pose_keypoints_2d": value * 25} for who, value in values.items()]
     return {f"cam_{number:012d}_keypoints.json": json.dumps({"version": 1.3, "people": people}).encode() for number in range(3)}
 
 
 def alphapose() -> Files:
-    """Two people."""
     people = [
         {"image_id": f"{number}.jpg", "category_id": 1, "keypoints": [100.5, 50, 0.9] * 17, "score": 2.5, "box": [1, 2, 30, 80.5],
          "idx": who}
@@ -292,7 +295,6 @@ def coco_people() -> Files:
 
 
 def coco_results() -> Files:
-    """A detector's list."""
     results = [{"image_id": number, "category_id": 1, "bbox": [1, 2, 30, 80], "score": 0.5} for number in range(4)]
     return {"results.json": json.dumps(results).encode()}
 
@@ -301,24 +303,20 @@ def opencv_lens(suffix: str) -> Files:
     """One camera as OpenCV's calibration sample writes it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"lens{suffix}"
-        storage = cv2.FileStorage(str(path), cv2.FileStorage_WRITE)
-        storage.write("image_width", 640)
-        storage.write("image_height", 480)
-        storage.write("camera_matrix", np.array(rig()["A"].lens.matrix))
-        storage.write("distortion_coefficients", np.array(rig()["A"].lens.distortions)[:, None])
-        storage.write("camera_model", "pinhole")
+        lens, storage = rig()["A"].lens, cv2.FileStorage(str(path), cv2.FileStorage_WRITE)
+        for key, value in (
+            ("image_width", 640), ("image_height", 480), ("camera_matrix", np.array(lens.matrix)),
+            ("distortion_coefficients", np.array(lens.distortions)[:, None]), ("camera_model", "pinhole"),
+        ):  # fmt: skip
+            storage.write(key, value)
         storage.release()
         return {path.name: path.read_bytes()}
 
 
 def plain_lens() -> Files:
     """A lens as scripts write it."""
-    lens = {
-        "K": [[700, 0, 320], [0, 700, 240], [0, 0, 1]],
-        "dist": [0.1, 0, 0, 0, 0],
-        "image_size": [640, 480],
-        "fisheye": False,
-    }
+    K = [[700, 0, 320], [0, 700, 240], [0, 0, 1]]
+    lens = {"K": K, "dist": [0.1, 0, 0, 0, 0], "image_size": [640, 480], "fisheye": False}
     return {"lens.json": json.dumps(lens).encode()}
 
 
@@ -330,7 +328,6 @@ def ros_lens() -> Files:
 
 
 def video(suffix: str) -> Files:
-    """A dozen pictures."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"film{suffix}"
         rng = np.random.default_rng(0)
@@ -347,7 +344,6 @@ def video(suffix: str) -> Files:
 
 
 def picture(suffix: str) -> bytes:
-    """A small picture."""
     noise = np.random.default_rng(0).integers(0, 255, (40, 20, 3), dtype=np.uint8)
     return bytes(cv2.imencode(suffix, noise)[1].tobytes())
 
@@ -371,7 +367,6 @@ def network() -> bytes:
 
 
 def matlab() -> Files:
-    """A matrix, version 5."""
     from scipy.io import savemat
 
     return {"cam1.mat": written("cam1.mat", lambda path: savemat(path, {"cam1": np.arange(12.0).reshape(3, 4) + 1}))}
