@@ -78,7 +78,7 @@ class DetectedMotion:
     def finding(self) -> Finding:
         """The finding on a move or a zoom; `frames` are those of the first and the last change, or twice that of the only one.
 
-        It is a notice if the camera came back, since the rig is right before and after. Else it is a doubt.
+        It is a notice if the camera came back once, since the rig is right before and after. Else it is a doubt.
         """
         change = self.change
         (first, last), once = (self.parts[0][0], self.parts[-1][1]), not change.returns
@@ -86,7 +86,7 @@ class DetectedMotion:
             first = last = last + 1 if change.at_start else first
         timed = self.fps is not None
         factor = None if change.zoom == 1.0 else 1 / change.zoom if once and change.at_start else change.zoom
-        said = doubt if once else notice
+        said = doubt if once or len(self.parts) > 1 else notice
         return said(
             "camera_moved", self.camera, *([self.either] if self.either else []),
             metres=change.metres, degrees=change.degrees, factor=factor, left_out=self.figures.left_out, frames=[first, last],

@@ -82,7 +82,7 @@ class PoseChange:
 
     @property
     def returns(self) -> bool:
-        """Whether the camera had its main pose before and after a stretch, or several times."""
+        """Whether the camera came back to its main pose, once or several times."""
         return len(self.spans) > 1 or not (self.at_start or self.at_end)
 
     @property

@@ -44,6 +44,8 @@ def _moved(v: Fields) -> str:
 
 
 def _to_choose(v: Fields) -> str:
+    if v.get("times", 1) > 1:
+        return "stop its tour, or fasten it, and record again"
     if v["seconds"] is None:
         return f"to choose, under [scene] set fps to the frame rate, and then from_s or until_s under [{v['table']}]"
     (kept, other), change = _kept(v), "move" if v["factor"] is None else "zoom"
@@ -129,7 +131,7 @@ CALIBRATION: Mapping[str, Kind] = {
     ),
     "camera_moved": Kind(
         (*DOUBT, *NOTICE), "The camera moved, or zoomed by `factor`, while it filmed (or the second one did); `left_out` says "
-        "which part was not used. A notice where it came back.",
+        "which part was not used. A notice where it came back once.",
         _moved, _to_choose, joint="; ", rank="motion",
     ),
     "camera_drifts": Kind(
