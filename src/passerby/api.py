@@ -110,7 +110,7 @@ def evaluate(
         people: an output folder, or its folder `tracks`: points are measured where people walked. None: on a grid.
 
     Raises:
-        InputError: no camera has a pose in both rigs, the reference has none, or `people` holds no boxes.
+        InputError: no camera has a pose in both rigs, the reference has none, or `people` holds neither boxes nor keypoints.
     """
     return compare_measuring(_rig(rig), _rig(truth), reference, None if people is None else read_tracks_at(Path(people)))
 

@@ -5,9 +5,9 @@ import pytest
 
 from passerby.core.cameras import Pose
 from passerby.geometry.rotations import angle_between, exp_rotation
-from passerby.hypotheses.camera_path import CameraPath, Knots, Stretch, _stepped, fit_path, residuals_along
+from passerby.hypotheses.camera_path import CameraPath, Knots, Stretches, _stepped, fit_path, residuals_along
 from passerby.hypotheses.changes import PoseChange, measure_step
-from passerby.hypotheses.stretches import LEAST_TOGETHER, _searched, best_stretch
+from passerby.hypotheses.stretches import LEAST_TOGETHER, _searched, best_stretches
 from support.scenes.sightings_of_places import MOVED, PEOPLE, POSE, seen
 
 CHANGE = np.array([[0.02, -0.05, 0.01, 0.1, -0.2, 0.05, 0.1]])
@@ -17,7 +17,7 @@ FREE = np.arange(7)
 def test_derivatives_along_a_path_are_those_of_the_residuals() -> None:
     """By the path's own unknowns, and by a change in a stretch of time; a focal length to first order in the residual."""
     m, step = seen(MOVED, count=40, noise=0.0), 1e-6
-    path = CameraPath(MOVED, -0.1, (0.3, 0.01), 5.0, Stretch(-np.inf, np.inf), CHANGE)
+    path = CameraPath(MOVED, -0.1, (0.3, 0.01), 5.0, Stretches(((-np.inf, np.inf),)), CHANGE)
     path = fit_path(m, path, tuple(FREE))
     own, there = residuals_along(m, path).by_change()
     for unknown in range(16):
@@ -36,7 +36,7 @@ def test_derivatives_along_a_path_are_those_of_the_residuals() -> None:
 def test_the_basis_of_a_drift_is_0_on_the_mean_and_the_stretch_and_the_rest_can_be_exchanged() -> None:
     instants = np.array([0, 1, 2, 7, 9, 20])
     np.testing.assert_allclose(Knots.even(instants, 4).at(instants).mean(axis=0), 0.0, atol=1e-12)
-    back = CameraPath(POSE, 0.1, times=Stretch(3, 9), change=CHANGE).exchanged().exchanged()
+    back = CameraPath(POSE, 0.1, times=Stretches(((3, 9),)), change=CHANGE).exchanged().exchanged()
     np.testing.assert_allclose(back.pose.R_cw, POSE.R_cw, atol=1e-12)
     np.testing.assert_allclose(back.pose.centre, POSE.centre, atol=1e-12)
     np.testing.assert_allclose(back.coefficients, CHANGE)
@@ -70,18 +70,52 @@ def test_the_stretch_is_the_best_of_all_pairs_of_views_and_all_stretches(seed: i
     costs = rng.uniform(0.0, 25.0, (3, 24))
     begin, end = sorted(rng.choice(25, 2, replace=False).tolist())
     costs[1, begin:end] *= 0.2
-    best = best_stretch(costs, middle=middle)
+    best = best_stretches(costs, 2 if middle else 1)
     found = costs.sum(axis=1).min()
     if best is not None:
-        inside = np.zeros(24, dtype=bool)
-        inside[best.first : best.last] = True
-        found = np.where(inside, costs[best.other], costs[best.main]).sum()
+        found = np.where(best.inside, costs[best.other], costs[best.main]).sum()
     assert found == pytest.approx(brute_stretch(costs, middle))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_any_number_of_stretches_is_the_best_of_all_with_a_price_for_each_switch(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    costs = rng.uniform(0.0, 6.0, (3, 12))
+    costs[1, 2:4] = costs[1, 6:9] = 0.0
+    least = min(
+        np.where(inside, costs[other], costs[main]).sum() + np.log(12) * np.count_nonzero(np.diff(inside))
+        for bits in range(1 << 12)
+        for inside in [np.array([bits >> row & 1 for row in range(12)], dtype=bool)]
+        for main in range(3)
+        for other in range(3)
+    )
+    best = best_stretches(costs, None)
+    if best is None:  # fewer than three switches are best
+        fewer = [costs.sum(axis=1).min()]
+        for switches in (1, 2):
+            one = best_stretches(costs, switches)
+            if one is not None:
+                fewer.append(np.where(one.inside, costs[one.other], costs[one.main]).sum() + switches * np.log(12))
+        assert min(fewer) == pytest.approx(least)
+    else:
+        switched = np.count_nonzero(np.diff(best.inside))
+        assert switched >= 3
+        found = np.where(best.inside, costs[best.other], costs[best.main]).sum()
+        assert found + switched * np.log(12) == pytest.approx(least)
+
+
+def test_stretches_are_the_runs_of_the_instants_inside() -> None:
+    instants = np.array([0, 2, 2, 5, 9, 12])
+    stretches = Stretches.of(instants, np.array([True, False, False, True, True, False]))
+    assert stretches == Stretches(((-np.inf, 0.0), (5.0, 9.0)))
+    assert stretches.switches == 3
+    np.testing.assert_array_equal(stretches.at(instants)[:, 0], [1, 0, 0, 1, 1, 0])
+    assert Stretches(()).switches == 0
 
 
 def change(other: Pose, zoom: float = 1.0) -> PoseChange:
     """As found by a rig that the change has bent."""
-    return PoseChange(10, 40, False, True, POSE, other, 99.0, 5.0, 0.1, zoom)
+    return PoseChange(((10, 40),), False, True, POSE, other, 99.0, 5.0, 0.1, zoom)
 
 
 @pytest.mark.parametrize("zoom", [0.7, 1.4])

@@ -40,13 +40,11 @@ ON_A_FRAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class DetectedMotion:
-    """A camera that had another pose, or another focal length, for a part of its recording."""
+    """A camera that had another pose, or another focal length, for one or more parts of its recording."""
 
     camera: str
-    first_frame: int
-    """First frame of the part that was left out, of the camera's own frames."""
-    last_frame: int
-    """Last frame of this part."""
+    parts: tuple[tuple[int, int], ...]
+    """First and last frame of each part that was left out, of the camera's own frames."""
     fps: float | None
     """Frames per second of the camera's own frames; None where it is not known."""
     change: PoseChange
@@ -57,35 +55,42 @@ class DetectedMotion:
         """Convert a frame to seconds of the camera's own recording."""
         return (frame - 1) / (self.fps or 1.0)
 
+    def contains(self, frames: Floats | Ints, margin: float = 0.0) -> Bools:
+        """Return whether each frame (N,) lies in a part that was left out, or within `margin` frames of one."""
+        inside = np.zeros(len(frames), dtype=bool)
+        for first, last in self.parts:
+            inside |= (frames >= first - margin) & (frames <= last + margin)
+        return inside
+
     @property
     def figures(self) -> MotionFigures:
         """Figures for reports."""
-        change = self.change
+        change, frames = self.change, (self.parts[0][0], self.parts[-1][1])
         return MotionFigures(
-            camera=self.camera, frames=(self.first_frame, self.last_frame),
-            seconds=None if self.fps is None else (self.seconds(self.first_frame), self.seconds(self.last_frame)),
-            left_out="before" if change.at_start else "after" if change.at_end else "between",
+            camera=self.camera, frames=frames,
+            seconds=None if self.fps is None else (self.seconds(frames[0]), self.seconds(frames[1])),
+            left_out="between" if change.returns else "before" if change.at_start else "after",
             metres=change.metres, degrees=change.degrees, sigmas=change.sigmas, shift=change.shift,
             zoom=None if change.zoom == 1.0 else change.zoom,
         )  # fmt: skip
 
     @property
     def finding(self) -> Finding:
-        """The finding on a move or a zoom; `frames` are those of the two changes, or twice that of the only one.
+        """The finding on a move or a zoom; `frames` are those of the first and the last change, or twice that of the only one.
 
-        It is a notice if the camera came back, since the rig is right before and after. Else it is a doubt.
+        It is a notice if the camera came back once, since the rig is right before and after. Else it is a doubt.
         """
         change = self.change
-        first, last = self.first_frame, self.last_frame
-        if change.at_start or change.at_end:
-            first = last = self.last_frame + 1 if change.at_start else self.first_frame
+        (first, last), once = (self.parts[0][0], self.parts[-1][1]), not change.returns
+        if once:
+            first = last = last + 1 if change.at_start else first
         timed = self.fps is not None
-        factor = None if change.zoom == 1.0 else 1 / change.zoom if change.at_start else change.zoom
-        said = doubt if change.at_start or change.at_end else notice
+        factor = None if change.zoom == 1.0 else 1 / change.zoom if once and change.at_start else change.zoom
+        said = doubt if once or len(self.parts) > 1 else notice
         return said(
             "camera_moved", self.camera, *([self.either] if self.either else []),
             metres=change.metres, degrees=change.degrees, factor=factor, left_out=self.figures.left_out, frames=[first, last],
-            seconds=[self.seconds(first), self.seconds(last)] if timed else None,
+            times=len(self.parts), seconds=[self.seconds(first), self.seconds(last)] if timed else None,
             until_s=max(0, math.floor(self.seconds(first) - MARGIN_S)) if timed else None,
             from_s=math.ceil(self.seconds(last) + MARGIN_S) if timed else None,
             table=f"cameras.{key(self.camera)}",
@@ -253,11 +258,14 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, search: MotionSearch)
         drift = drift_of(m, change.path, change.over_base.gain)
         return DetectedDrift(name, _span(name, drift, inputs.observations, association), fps, drift, either)
     step = step_of(m, change, stated=rig[name].lens.focal_sd is None)
-    own = _own_frames(name, np.array([step.first, step.last]), inputs.observations, association)
+    own = _own_frames(name, np.array(step.spans).ravel(), inputs.observations, association).reshape(-1, 2)
+    parts = np.column_stack([np.ceil(own[:, 0]), np.floor(own[:, 1])]).astype(np.int64)
     frames = _all_frames(inputs.observations[name])
-    first = int(frames[0]) if step.at_start else int(np.ceil(own[0]))
-    last = int(frames[-1]) if step.at_end else int(np.floor(own[1]))
-    return DetectedMotion(name, first, last, fps, step, either)
+    if step.at_start:
+        parts[0, 0] = frames[0]
+    if step.at_end:
+        parts[-1, 1] = frames[-1]
+    return DetectedMotion(name, tuple((int(first), int(last)) for first, last in parts), fps, step, either)
 
 
 def _span(name: str, drift: PoseDrift, observations: Observations, association: Association) -> tuple[float, float]:
@@ -343,7 +351,7 @@ def _without(observations: Observations, moved: DetectedMotion) -> Observations:
     seen = observations[moved.camera]
 
     def kept(part: Boxes | Keypoints) -> Bools:
-        return np.asarray((part.frame < moved.first_frame - margin) | (part.frame > moved.last_frame + margin))
+        return ~moved.contains(part.frame, margin)
 
     boxes, joints, wands = seen.boxes, seen.keypoints, seen.wands
     rest = CameraObservations(boxes.take(kept(boxes)), joints.take(kept(joints)), wands.take(kept(wands)))
@@ -357,7 +365,7 @@ def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estima
         return moved
     m = _matched_again(moved.camera, inputs, estimate, search)
     own = _own_frames(moved.camera, m.own.step, inputs.observations, association)
-    part = m.part((own >= moved.first_frame) & (own <= moved.last_frame))
+    part = m.part(moved.contains(own))
     rate = association.instants.fps or USUAL_FPS
     return replace(moved, change=measure_step(part, pose, moved.change, rate, len(estimate.solution.rig.posed())))
 

@@ -46,22 +46,36 @@ NEGLIGIBLE = 1e-4
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Time in which a camera differs from the rest of the recording."""
+class Stretches:
+    """Times in which a camera differs from the rest of the recording."""
 
-    first: float
-    """First instant; minus infinity if the stretch begins with the recording."""
-    last: float
-    """Last instant; infinity if the stretch ends with the recording."""
+    spans: tuple[tuple[float, float], ...]
+    """First and last instant of each stretch, in order; minus infinity and infinity at the ends of the recording."""
 
     size = 1
 
+    @classmethod
+    def of(cls, instants: Ints | Floats, inside: Bools) -> Stretches:
+        """Return the stretches of those of the instants (N,), in order, that are `inside` (N,)."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+        first = [-np.inf if row == 0 else float(instants[row]) for row in edges[::2]]
+        last = [np.inf if row == len(inside) else float(instants[row - 1]) for row in edges[1::2]]
+        return cls(tuple(zip(first, last, strict=True)))
+
+    @property
+    def switches(self) -> int:
+        """Number of times at which the camera changes."""
+        return int(np.isfinite(self.spans).sum())
+
     def at(self, instants: Ints | Floats) -> Floats:
-        """Return the basis (N, 1) at instants (N,): 1 inside the stretch, 0 outside."""
-        return ((instants >= self.first) & (instants <= self.last)).astype(np.float64)[:, None]
+        """Return the basis (N, 1) at instants (N,): 1 inside a stretch, 0 outside."""
+        inside = np.zeros(len(instants), dtype=bool)
+        for first, last in self.spans:
+            inside |= (instants >= first) & (instants <= last)
+        return inside.astype(np.float64)[:, None]
 
 
-NEVER = Stretch(np.inf, -np.inf)
+NEVER = Stretches(())
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +118,7 @@ class CameraPath:
     """Offset of the camera's clock: it shows people of a later time by this, instants at `origin`, and instants an instant."""
     origin: float = 0.0
     """Instant to which `late` refers."""
-    times: Stretch | Knots = NEVER
+    times: Stretches | Knots = NEVER
     change: Floats | None = None
     """(K, 7) coefficients of the basis: exp(turn) R_cw, centre + shift, focal length times exp(log_focal)."""
 
@@ -123,7 +137,7 @@ class CameraPath:
         if not turn.any():
             return None
         amount = self.times.at(instants)
-        if isinstance(self.times, Stretch):  # there are only two orientations
+        if isinstance(self.times, Stretches):  # there are only two orientations
             return np.asarray(exp_rotation(np.vstack([np.zeros(3), turn]))[amount[:, 0].astype(np.int64)])
         return np.asarray(exp_rotation(amount @ turn))
 

@@ -7,7 +7,7 @@ again without the held-out blocks.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -27,7 +27,7 @@ from passerby.hypotheses.camera_path import (
     ZOOMS,
     CameraPath,
     Knots,
-    Stretch,
+    Stretches,
     best_pairs,
     costs_along,
     fit_path,
@@ -37,7 +37,7 @@ from passerby.hypotheses.camera_path import (
 from passerby.hypotheses.case import blocks_of
 from passerby.hypotheses.comparison import FOLDS, LOG_ODDS, Comparison, effect, may_convince
 from passerby.hypotheses.correspondences import Correspondences
-from passerby.hypotheses.stretches import FOCALS, WINDOW_ROWS, find_stretches, is_suspicious, refine_stretch
+from passerby.hypotheses.stretches import FOCALS, WINDOW_ROWS, find_stretches, fit_views, is_suspicious, refine_stretches
 
 Kind = Literal["moved", "zoomed", "zoomed_and_moved", "drifts"]
 PARTS: dict[Kind, tuple[int, ...]] = {
@@ -59,20 +59,18 @@ MOST_PLACES = 200
 
 @dataclass(frozen=True, eq=False)
 class PoseChange:
-    """A camera that had another pose, or another focal length, during a stretch of time."""
+    """A camera that had another pose, or another focal length, during one or more stretches of time."""
 
-    first: int
-    """First instant of the stretch."""
-    last: int
-    """Last instant of the stretch."""
+    spans: tuple[tuple[int, int], ...]
+    """First and last instant of each stretch, in order."""
     at_start: bool
-    """Whether it begins with the recording."""
+    """Whether the first stretch begins with the recording."""
     at_end: bool
-    """Whether it ends with the recording."""
+    """Whether the last one ends with the recording."""
     main: Pose
     """Pose of the camera for the rest of the time."""
     other: Pose
-    """Pose of the camera during the stretch."""
+    """Pose of the camera during the stretches."""
     gain: float
     """Gain in the prediction of people who were held out, nats."""
     sigmas: float
@@ -80,7 +78,12 @@ class PoseChange:
     shift: float
     """Shift of the people in the image, as a share of their extent (median)."""
     zoom: float = 1.0
-    """Ratio of the focal length during the stretch to that of the rest."""
+    """Ratio of the focal length during the stretches to that of the rest."""
+
+    @property
+    def returns(self) -> bool:
+        """Whether the camera came back to its main pose, once or several times."""
+        return len(self.spans) > 1 or not (self.at_start or self.at_end)
 
     @property
     def metres(self) -> float:
@@ -145,10 +148,10 @@ class FoundChange:
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns of the change, including the times of a stretch."""
+        """Number of unknowns of the change, including the times of its stretches."""
         times = self.path.times
-        dates = np.isfinite([times.first, times.last]).sum() if isinstance(times, Stretch) else 0
-        return len(PARTS[self.kind]) * times.size + int(dates)
+        dates = times.switches if isinstance(times, Stretches) else 0
+        return len(PARTS[self.kind]) * times.size + dates
 
     def explains_more(self, other: FoundChange) -> bool:
         """Check whether this change predicts significantly better than another one, priors included."""
@@ -173,7 +176,7 @@ class FoundChange:
     def _ends(self) -> Floats:
         """Return the change (2, 7) at the two times between which it differs most."""
         times, c = self.path.times, self.path.coefficients
-        if isinstance(times, Stretch):
+        if isinstance(times, Stretches):
             return np.vstack([np.zeros_like(c[0]), c[0]])
         at = self.path.changed(times.instant)
         return np.asarray(at[list(farthest(at[:, TURN]))])
@@ -251,10 +254,10 @@ class _Trial:
         first = replace(path, change=change)
         if kind == "zoomed":
             first = replace(first, pose=self.base.pose)
-        full = refine_stretch(self.m, first, parts)
+        full = refine_stretches(self.m, first, parts)
         if full is None or not self.may_convince(kind, full):
             return None
-        return self._compared(kind, full, [refine_stretch(self.m, full, parts, held=held) for held in self._folds()])
+        return self._compared(kind, full, [refine_stretches(self.m, full, parts, held=held) for held in self._folds()])
 
     def elsewhere(self, kind: Kind, start: CameraPath) -> FoundChange:
         """Fit and compare a camera that differs from the base all of the time, near an initial path; the base is fixed."""
@@ -319,7 +322,7 @@ def _simplest(family: Sequence[FoundChange]) -> FoundChange | None:
 
 
 def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChange:
-    """Return a change in a stretch of time for reports.
+    """Return a change in stretches of time for reports.
 
     Args:
         m: the camera's observations with the people of their instants.
@@ -330,20 +333,21 @@ def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChan
     if not zooms:  # the size of the motion with the lens and the clock as they are
         path = fit_path(m, replace(path, log_focal=0.0, late=(0.0, 0.0)), MOVES, own=MOVES)
     inside = path.times.at(t)[:, 0] > 0
-    at_start, at_end = bool(inside[0]), bool(inside[-1])
     longer = inside.sum() > (~inside).sum()
     if zooms and stated:
         rest, stretch = abs(path.log_focal), abs(path.log_focal + float(path.coefficients[0, 6]))
         if abs(rest - stretch) > ALIKE_FOCAL:
             longer = stretch < rest
-    if (at_start or at_end) and longer:
-        path, inside, at_start, at_end = path.exchanged(), ~inside, at_end, at_start
+    if np.count_nonzero(np.diff(inside)) != 2 and longer:  # else the camera has its pose before and after the stretch
+        path, inside = path.exchanged(), ~inside
     main, there = path.constant(np.zeros_like(path.coefficients[0])), path.constant(path.coefficients[0])
     a, b = (residuals_along(m, one).found for one in (main, there))
-    pairs = best_pairs(m, residuals_along(m, path).found.square)
+    pairs = best_pairs(m, residuals_along(m, replace(path, times=Stretches.of(t, inside))).found.square)
     apart = np.linalg.norm(a.residual[:, pairs] - b.residual[:, pairs], axis=0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    spans = tuple((int(t[first]), int(t[last - 1])) for first, last in zip(edges[::2], edges[1::2], strict=True))
     return PoseChange(
-        int(t[inside].min()), int(t[inside].max()), at_start, at_end, main.pose, there.pose, found.over_base.gain,
+        spans, bool(inside[0]), bool(inside[-1]), main.pose, there.pose, found.over_base.gain,
         found.over_base.z, float(np.median(apart / m.own.extent_px)),
         float(np.exp(there.log_focal - main.log_focal)) if zooms else 1.0,
     )  # fmt: skip
@@ -367,9 +371,14 @@ def measure_step(part: Correspondences, pose: Pose, change: PoseChange, per_seco
     moved = Pose.from_centre(turned, pose.centre + pose.R_cw.T @ main.R_cw @ (other.centre - main.centre))
     held, few = CameraPath(pose), thinned(part, MOST_PAIRS)
     zooms = [CameraPath(pose, float(focal)) for focal in (np.log(change.zoom), *FOCALS)]
+    moves = [CameraPath(moved, float(np.log(change.zoom))), *(replace(one, late=(0.0, 0.0)) for one in fit_views(few, [held]))]
+
+    def best_of(paths: Iterable[CameraPath]) -> CameraPath:
+        return min(paths, key=lambda one: costs_along(few, one).sum())
+
     starts: dict[Kind, CameraPath] = {
-        "zoomed": min(zooms, key=lambda one: costs_along(few, one).sum()),
-        "moved": CameraPath(moved), "zoomed_and_moved": CameraPath(moved, float(np.log(change.zoom))),
+        "zoomed": best_of(zooms), "moved": best_of(replace(one, log_focal=0.0) for one in moves),
+        "zoomed_and_moved": best_of(moves),
     }  # fmt: skip
     trial = _Trial(few, held, blocks_of(few.own.step, few.own.identity, per_second)[0], n_cameras)
     tried = {kind: trial.elsewhere(kind, start) for kind, start in starts.items()}

@@ -1,7 +1,7 @@
 """Search for stretches of time in which a camera differs from the rest of its recording, as candidates for `changes`.
 
 Poses and focal lengths are fitted to windows of time. Of all pairs of these fits, and of all stretches, the combination with
-the least robust cost is refined.
+the least robust cost is refined: one stretch at an end of the recording, one within it, or any number of them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from passerby.common.arrays import Bools, Floats
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Pose
 from passerby.geometry.groups import group_sums
 from passerby.geometry.rotations import log_rotation
@@ -25,7 +25,7 @@ from passerby.hypotheses.camera_path import (
     WITH_CLOCK,
     CameraPath,
     Equations,
-    Stretch,
+    Stretches,
     costs_along,
     fit_path,
 )
@@ -34,7 +34,7 @@ from passerby.hypotheses.correspondences import Correspondences
 WINDOWS, WINDOW_ROWS = 10, 24
 """Largest number of windows of time, and least number of observations in each."""
 ROUNDS, ROUNDS_WITHOUT = 4, 2
-"""Number of times that the path and its stretch are fitted in turn: with all observations, and from there without a fifth."""
+"""Number of times that the path and its stretches are fitted in turn: with all observations, and from there without a fifth."""
 FOCALS = np.linspace(-0.8, 0.8, 9)
 """Logarithms of the factors on the focal length from which a window's fit starts."""
 POORLY = 4.0
@@ -74,38 +74,38 @@ def is_suspicious(m: Correspondences, whole: CameraPath) -> bool:
 
 
 def find_stretches(m: Correspondences, whole: CameraPath) -> list[CameraPath]:
-    """Find paths with a stretch of time: the best stretch at an end of the recording, and the best one within it."""
+    """Find paths with stretches of time: the best one at an end of the recording, the best one within it, and the best set."""
     window = windows_of(m)
     views = [whole]
     for w in np.unique(window):
-        views += _views_of(m.part(window == w), views)
+        views += fit_views(m.part(window == w), views)
     costs = np.array([costs_along(m, view) for view in views])
     found: list[CameraPath] = []
-    for middle in (False, True):
-        best = best_stretch(costs, middle=middle)
+    for switches in (1, 2, None):
+        best = best_stretches(costs, switches)
         if best is None:
             continue
-        first = _between(views[best.main], views[best.other], best.stretch_of(m))
-        refined = refine_stretch(m, first, tuple(range(len(PRIOR_SD))))
+        first = _between(views[best.main], views[best.other], Stretches.of(m.own.step, best.inside))
+        refined = refine_stretches(m, first, tuple(range(len(PRIOR_SD))))
         if refined is not None and not any(_alike(m, refined, one) for one in found):
             found.append(refined)
     return found
 
 
-def refine_stretch(
+def refine_stretches(
     m: Correspondences, path: CameraPath, parts: tuple[int, ...], *, held: Bools | None = None
 ) -> CameraPath | None:
-    """Fit a path and its stretch in turn; None if one pose fits all of the time best, or a part has too few observations.
+    """Fit a path and its stretches in turn; None if one pose fits all of the time best, or a part has too few observations.
 
     Args:
         m: the camera's observations with the people of their instants.
-        path: initial path, with a stretch.
+        path: initial path, with stretches.
         parts: columns of the change that are free.
         held: (M,) whether an observation is held out; the initial path was fitted to all.
     """
-    assert isinstance(path.times, Stretch)
+    assert isinstance(path.times, Stretches)
     used = m if held is None else m.part(~held)
-    middle = np.isfinite(path.times.first) and np.isfinite(path.times.last)
+    switches = path.times.switches if path.times.switches <= 2 else None
     rounds, steps = (ROUNDS, STEPS) if held is None else (ROUNDS_WITHOUT, STEPS_WITHOUT)
     for _ in range(rounds):
         inside = path.times.at(used.own.step)[:, 0] > 0
@@ -113,66 +113,86 @@ def refine_stretch(
             return None
         path = fit_path(used, path, parts, own=WITH_CLOCK, steps=steps)
         costs = np.array([costs_along(used, one) for one in (path.constant(np.zeros(7)), path.constant(path.coefficients[0]))])
-        best = best_stretch(costs, middle=bool(middle), swap=False)
+        best = best_stretches(costs, switches, swap=False)
         if best is None:
             return None
-        stretch, before = best.stretch_of(used), path.times
-        if stretch == before:
+        stretches, before = Stretches.of(used.own.step, best.inside), path.times
+        if stretches == before:
             break
-        path = replace(path, times=stretch)
+        path = replace(path, times=stretches)
     return path
 
 
-@dataclass(frozen=True)
-class BestStretch:
-    """Rows [first, last) that view `other` explains better than `main`, which explains the rest."""
+@dataclass(frozen=True, eq=False)
+class BestStretches:
+    """Observations that view `other` explains better than view `main`, which explains the rest."""
 
     main: int
     other: int
-    first: int
-    last: int
-    count: int
-    """Number of all rows."""
-
-    def stretch_of(self, m: Correspondences) -> Stretch:
-        """Return the stretch as times."""
-        t = m.own.step
-        return Stretch(
-            float(t[self.first]) if self.first > 0 else -np.inf, float(t[self.last - 1]) if self.last < self.count else np.inf
-        )
+    inside: Bools
+    """(M,) whether `other` explains an observation."""
 
 
-def best_stretch(costs: Floats, *, middle: bool, swap: bool = True) -> BestStretch | None:
-    """Find the stretch, its view and the view of the rest with the least cost; None if one view explains all best.
+def best_stretches(costs: Floats, switches: int | None, *, swap: bool = True) -> BestStretches | None:
+    """Find the stretches, their view and the view of the rest with the least cost; None if one view explains all best.
 
     Args:
-        costs: (views, M) costs of the observations by each view, in the order of time.
-        middle: whether the stretch lies within the recording; else it begins or ends with it.
-        swap: whether any two views are tried; else the first view is that of the rest and the second that of the stretch.
+        costs: (views, M) costs of the observations by each view, in the order of time, nats.
+        switches: 1: one stretch, which begins or ends with the recording; 2: one within the recording; None: any number of
+            stretches with three switches or more. Each switch then costs the logarithm of M, the number of times at which it
+            may be.
+        swap: whether any two views are tried; else the first view is that of the rest and the second that of the stretches.
     """
     n, count = costs.shape
-    best: tuple[float, BestStretch | None] = (float(costs.sum(axis=1).min()) - 1e-9, None)
-    for a in range(n):
-        for b in range(n):
-            if a == b or (not swap and (a, b) != (0, 1)):
-                continue
-            total = np.concatenate([[0.0], np.cumsum(costs[a] - costs[b])])
-            if middle:
-                inner = total[1:count]
-                end = int(np.argmax(inner - np.minimum.accumulate(inner)))
-                begin = int(np.argmin(inner[: end + 1]))
-                tried = [(inner[end] - inner[begin], begin + 1, end + 1)]
-            else:
-                suffix, prefix = int(np.argmin(total)), int(np.argmax(total))
-                tried = [(total[-1] - total[suffix], suffix, count), (total[prefix], 0, prefix)]
-            for gain, first, last in tried:
-                cost = float(total[-1] + costs[b].sum() - gain)
-                if cost < best[0] - 1e-9 and 0 < last - first < count:
-                    best = cost, BestStretch(a, b, first, last, count)
-    return best[1]
+    pairs = np.array([(a, b) for a in range(n) for b in range(n) if a != b] if swap else [(0, 1)]).reshape(-1, 2)
+    least = float(costs.sum(axis=1).min()) - 1e-9
+    if not len(pairs):
+        return None
+    if switches is None:
+        return _any_stretches(costs, pairs, least)
+    found: BestStretches | None = None
+    for a, b in pairs:
+        total = np.concatenate([[0.0], np.cumsum(costs[a] - costs[b])])
+        if switches == 2:
+            inner = total[1:count]
+            end = int(np.argmax(inner - np.minimum.accumulate(inner)))
+            begin = int(np.argmin(inner[: end + 1]))
+            tried = [(inner[end] - inner[begin], begin + 1, end + 1)]
+        else:
+            suffix, prefix = int(np.argmin(total)), int(np.argmax(total))
+            tried = [(total[-1] - total[suffix], suffix, count), (total[prefix], 0, prefix)]
+        for gain, first, last in tried:
+            cost = float(costs[a].sum() - gain)
+            if cost < least - 1e-9 and 0 < last - first < count:
+                rows = np.arange(count)
+                least, found = cost, BestStretches(int(a), int(b), (rows >= first) & (rows < last))
+    return found
 
 
-def _views_of(part: Correspondences, views: list[CameraPath]) -> list[CameraPath]:
+def _any_stretches(costs: Floats, pairs: Ints, least: float) -> BestStretches | None:
+    """Find the best set of stretches by dynamic programming over the observations, for all pairs (P, 2) of views at once."""
+    count = costs.shape[1]
+    gains, switch = costs[pairs[:, 0]] - costs[pairs[:, 1]], np.log(count)
+    outside, inside = np.zeros((2, len(pairs)))
+    from_inside, from_outside = np.zeros((2, count, len(pairs)), dtype=bool)
+    for row in range(count):
+        np.greater(inside - switch, outside, out=from_inside[row])
+        np.greater(outside - switch, inside, out=from_outside[row])
+        outside, inside = np.maximum(outside, inside - switch), np.maximum(inside, outside - switch) + gains[:, row]
+    cost = costs[pairs[:, 0]].sum(axis=1) - np.maximum(outside, inside)
+    best = int(np.argmin(cost))
+    if cost[best] >= least:
+        return None
+    there, now = np.zeros(count, dtype=bool), bool(inside[best] > outside[best])
+    for row in reversed(range(count)):
+        there[row] = now
+        now = not now if (from_outside if now else from_inside)[row, best] else now
+    if np.count_nonzero(np.diff(there)) < 3:
+        return None
+    return BestStretches(int(pairs[best, 0]), int(pairs[best, 1]), there)
+
+
+def fit_views(part: Correspondences, views: list[CameraPath]) -> list[CameraPath]:
     """Fit poses and focal lengths to a window's observations."""
     if len(part) < WINDOW_ROWS // 2:
         return []
@@ -211,15 +231,15 @@ def _searched(part: Correspondences, start: CameraPath) -> list[CameraPath]:
     return [fit_path(part, one, widening=4.0) for _, _, one in tried[:3]]
 
 
-def _between(main: CameraPath, other: CameraPath, stretch: Stretch) -> CameraPath:
-    """Return the path with one camera state during a stretch, and another for the rest of the time."""
+def _between(main: CameraPath, other: CameraPath, stretches: Stretches) -> CameraPath:
+    """Return the path with one camera state during some stretches, and another for the rest of the time."""
     change = np.zeros((1, len(PRIOR_SD)))
     change[0, TURN] = log_rotation(other.pose.R_cw @ main.pose.R_cw.T)
     change[0, SHIFT] = other.pose.centre - main.pose.centre
     change[0, FOCAL] = other.log_focal - main.log_focal
-    return replace(main, times=stretch, change=change)
+    return replace(main, times=stretches, change=change)
 
 
 def _alike(m: Correspondences, one: CameraPath, other: CameraPath) -> bool:
-    """Check whether two stretches contain the same observations."""
+    """Check whether the stretches of two paths contain the same observations."""
     return bool((one.times.at(m.own.step) == other.times.at(m.own.step)).all())

@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from passerby.common.errors import EvidenceError, InputError
 from passerby.common.text import html_of
 from passerby.core.cameras import Rig
-from passerby.core.observations import Boxes, Clock
+from passerby.core.observations import Boxes, Clock, Keypoints, extents_of
 from passerby.interchange.calibration_json import (
     CALIBRATION_FILE,
     CalibrationDocument,
@@ -21,6 +23,7 @@ from passerby.interchange.calibration_json import (
     read_document,
     unlike,
 )
+from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, read_text
@@ -122,14 +125,29 @@ def read_rig_at(path: Path) -> Rig:
 
 
 def read_tracks_at(path: Path) -> dict[str, Boxes]:
-    """Read the boxes by camera of an output folder, or of its folder `tracks`. Raises `InputError` where there are none."""
+    """Read the boxes by camera of an output folder, or of its folder `tracks`; where there are none, those around keypoints.
+
+    Raises `InputError` where there are neither.
+    """
     folder = path / TRACKS_FOLDER if (path / TRACKS_FOLDER).is_dir() else path
-    files = sorted(folder.glob("*.txt")) if folder.is_dir() else []
-    if not files:
+    boxes = {file.stem: read_boxes(file, doubles=True) for file in sorted(folder.glob("*.txt"))}
+    for file in sorted(folder.glob("*.json")):
+        if file.stem not in boxes and file.name != CALIBRATION_FILE:
+            boxes[file.stem] = _around(read_keypoints(file, doubles=True))
+    if not boxes:
         raise InputError(
-            f"{path}: holds no boxes: give an output folder, or its folder {TRACKS_FOLDER} with one text file per camera"
+            f"{path}: holds no boxes and no keypoints: give an output folder, or its folder {TRACKS_FOLDER} with one file per "
+            "camera"
         )
-    return {file.stem: read_boxes(file, doubles=True) for file in files}
+    return boxes
+
+
+def _around(keypoints: Keypoints) -> Boxes:
+    """Return the boxes around the found joints."""
+    extents = extents_of(keypoints)
+    ltwh = np.column_stack([extents[:, :2], extents[:, 2:] - extents[:, :2]])
+    whole = (ltwh[:, 2:] > 0).all(axis=1)
+    return Boxes(keypoints.frame, keypoints.identity, ltwh, np.ones(len(ltwh))).take(np.flatnonzero(whole))
 
 
 def read_folder_rig(out: Path) -> Rig:

@@ -96,10 +96,9 @@ def film_disturbed(options: SimulationOptions, moves: Sequence[Disturbance] = ()
 
 
 def rig_after(rig: Rig, moves: Sequence[Disturbance]) -> Rig:
-    """Return the rig after all disturbances, applied one after the other."""
-    for move in moves:
-        rig = Rig(tuple(move.moved(camera) if camera.name == move.camera else camera for camera in rig))
-    return rig
+    """Return the rig with the pose and lens of each camera's last disturbance, as in its recording."""
+    last = {move.camera: move for move in moves}
+    return Rig(tuple(last[camera.name].moved(camera) if camera.name in last else camera for camera in rig))
 
 
 def _observe_disturbed(filmed: Filmed, index: int, moves: Sequence[Disturbance], ground: Ground) -> View:

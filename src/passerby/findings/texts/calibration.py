@@ -30,6 +30,10 @@ def _moved(v: Fields) -> str:
         far = f"zoomed {'in' if factor > 1 else 'out'} by a factor of {max(factor, 1 / factor):.2f}"
     either = f" (or camera {v['second']} did: two cameras alone cannot show which)" if len(v["names"]) > 1 else ""
     if v["left_out"] == "between":
+        if v.get("times", 1) > 1:
+            since, until = (_when(v, end).removeprefix("at ").removeprefix("in ") for end in (0, 1))
+            often = f"{v['times']} times, from {since} to {until}"
+            return f"camera {v['camera']} {far} and back {often}{either}: its observations from there were left out"
         there_and_back = f"{_when(v, 0)} and back {_when(v, 1)}"
         return f"camera {v['camera']} {far} {there_and_back}{either}: its observations in between were left out"
     kept, other = _kept(v)
@@ -40,6 +44,8 @@ def _moved(v: Fields) -> str:
 
 
 def _to_choose(v: Fields) -> str:
+    if v.get("times", 1) > 1:
+        return "stop its tour, or fasten it, and record again"
     if v["seconds"] is None:
         return f"to choose, under [scene] set fps to the frame rate, and then from_s or until_s under [{v['table']}]"
     (kept, other), change = _kept(v), "move" if v["factor"] is None else "zoom"
@@ -125,7 +131,7 @@ CALIBRATION: Mapping[str, Kind] = {
     ),
     "camera_moved": Kind(
         (*DOUBT, *NOTICE), "The camera moved, or zoomed by `factor`, while it filmed (or the second one did); `left_out` says "
-        "which part was not used. A notice where it came back.",
+        "which part was not used. A notice where it came back once.",
         _moved, _to_choose, joint="; ", rank="motion",
     ),
     "camera_drifts": Kind(
