@@ -79,10 +79,10 @@ def test_a_move_is_dated_and_measured(move, given):
     change = change_of(filmed((move,)), move.camera, given=given)
     assert change.zoom == 1.0
     if not change.at_start:
-        assert abs((change.first - 1) / FPS - move.from_s) < 1.0
+        assert abs((change.spans[0][0] - 1) / FPS - move.from_s) < 1.0
         assert change.at_end
     else:
-        assert abs(change.last / FPS - move.from_s) < 1.0
+        assert abs(change.spans[-1][1] / FPS - move.from_s) < 1.0
     true_m, true_deg = np.linalg.norm(move.shift_m), np.linalg.norm(move.turn_deg)
     assert change.degrees == pytest.approx(true_deg, abs=0.3 * true_deg + 0.3)
     assert change.metres == pytest.approx(true_m, abs=0.3 * true_m + 0.1)
@@ -93,8 +93,8 @@ def test_a_knock_and_back_is_found():
     change = change_of(filmed((Move("C2", 12.0, turn_deg=(0.0, 3.0, 0.0), until_s=20.0),)), "C2")
     assert not change.at_start
     assert not change.at_end
-    assert abs((change.first - 1) / FPS - 12.0) < 1.0
-    assert abs(change.last / FPS - 20.0) < 1.0
+    assert abs((change.spans[0][0] - 1) / FPS - 12.0) < 1.0
+    assert abs(change.spans[-1][1] / FPS - 20.0) < 1.0
 
 
 @pytest.mark.slow
@@ -220,14 +220,14 @@ def test_a_drift_has_its_rate_and_cameras_that_all_drift_are_one_finding() -> No
 
 
 CHANGE = PoseChange(
-    1, 1, at_start=False, at_end=False, main=Pose(np.eye(3), np.zeros(3)),
+    ((1, 1),), at_start=False, at_end=False, main=Pose(np.eye(3), np.zeros(3)),
     other=Pose.from_centre(np.eye(3), np.array([0.3, 0.0, 0.4])), gain=100.0, sigmas=50.0, shift=0.2,
 )  # fmt: skip
 
 
 def motion(first: int, last: int, *, fps: float | None = 25.0, zoom: float = 1.0, **ends: bool) -> DetectedMotion:
     """Of camera B, whose frames `first` to `last` were left out."""
-    return DetectedMotion("B", first, last, fps, replace(CHANGE, zoom=zoom, **ends))
+    return DetectedMotion("B", ((first, last),), fps, replace(CHANGE, zoom=zoom, **ends))
 
 
 @pytest.mark.parametrize(
@@ -252,6 +252,18 @@ def test_a_move_is_reported_with_when_it_was_or_with_there_and_back(
     # What a scene file takes are whole seconds that lie outside the margin of the move.
     assert seconds[0] - 0.5 - 1 < told.values["until_s"] <= seconds[0] - 0.5
     assert seconds[1] + 0.5 <= told.values["from_s"] < seconds[1] + 0.5 + 1
+
+
+def test_a_camera_that_went_and_came_back_several_times_is_a_doubt_and_all_these_parts_are_left_out() -> None:
+    parts = (101, 200), (301, 400), (501, 600)
+    moved = DetectedMotion("B", parts, 25.0, replace(CHANGE, spans=parts, at_end=True))
+    stated = moved.finding
+    assert (stated.severity, stated.values["left_out"], stated.values["times"]) == ("doubt", "between", 3)
+    assert (stated.values["frames"], stated.values["seconds"]) == ([101, 600], pytest.approx([4.0, 23.96]))
+    assert moved.figures.frames == (101, 600)
+    frames = np.array([88, 89, 100, 213, 250, 288, 300, 450, 612, 613])
+    assert moved.contains(frames).sum() == 0
+    assert moved.contains(frames, 12.0).tolist() == [False, True, True, False, False, False, True, False, True, False]
 
 
 @pytest.mark.parametrize(("ends", "factor"), [({"at_end": True}, 1.25), ({}, 1.25), ({"at_start": True}, 0.8)])
@@ -301,6 +313,19 @@ def test_what_a_moved_camera_saw_afterwards_is_left_out(options):
     assert figures.degrees == pytest.approx(6.0, rel=0.3)
     assert figures.metres == pytest.approx(0.3, rel=0.3)
     assert_right(calibration, filmed((), options).rig, options)
+
+
+@pytest.mark.system
+def test_a_tour_between_two_poses_is_one_finding_and_the_rig_is_that_of_the_pose_seen_most():
+    away = [(5.0, 9.0), (15.0, 18.0), (24.0, 28.0)]
+    tour = tuple(Move("C2", begin, turn_deg=(0.0, 6.0, 0.0), until_s=end) for begin, end in away)
+    calibration = calibrated(tour)
+    (stated,) = [finding for finding in calibration.diagnostics if finding.code == "camera_moved"]
+    assert (stated.severity, stated.cameras, stated.values["times"]) == ("doubt", ("C2",), 3)
+    assert stated.values["seconds"] == pytest.approx([5.0, 28.0], abs=1.0)
+    assert stated.values["degrees"] == pytest.approx(6.0, abs=0.5)
+    assert calibration.verdict == "doubtful"
+    assert_right(calibration, filmed().rig, MOVED)
 
 
 @pytest.mark.system

@@ -139,8 +139,8 @@ def test_the_size_of_a_move_where_the_solve_after_it_is_refused(given: bool) -> 
     whole = inputs()
     seen, pose = whole.observations, scene(True).rig["C2"].pose
     other = Pose.from_centre(pose.R_cw, pose.centre + 1.0)
-    change = PoseChange(20, 40, False, True, pose, other, 99.0, 99.0, 0.5)
-    corrections = Corrections((MotionCorrection(whole, DetectedMotion("C2", 20, 40, 5.0, change)),))
+    change = PoseChange(((20, 40),), False, True, pose, other, 99.0, 99.0, 0.5)
+    corrections = Corrections((MotionCorrection(whole, DetectedMotion("C2", ((20, 40),), 5.0, change)),))
     after = Estimate(refused(whole.rig), Association(seen, seen, seen.clocks))
     search = MotionSearch(whole, given, 1.72)
     assert correct_motion(search, whole, after) is None
