@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from passerby.core.observations import Keypoints
@@ -108,6 +108,7 @@ people = st.lists(
 
 
 @given(people)
+@example([(3, 1, [(1.0, 2.0, 0.0)] * 3)])  # a person without a joint
 def test_keypoints_come_back(tmp_path_factory, people):
     table = np.array([person[2] for person in people], dtype=float).reshape(-1, 3, 3).round(3)
     frame, identity = [person[0] for person in people], [person[1] for person in people]

@@ -209,6 +209,7 @@ def test_what_cannot_be_kept_is_a_loss(tmp_path, form, old, new, loss):
     ("qualisys", example.QUALISYS_CAMERA, "", "holds no <camera>"),
     ("qualisys", example.QUALISYS_CAMERA, 2 * example.QUALISYS_CAMERA, "camera 26580 occurs twice"),
     ("vicon", 'FOCAL_LENGTH="1000"', "", "camera 21: <KeyFrame> FOCAL_LENGTH is missing: 1 finite number is needed"),
+    ("vicon", 'FOCAL_LENGTH="1000"', 'FOCAL_LENGTH="wide"', "FOCAL_LENGTH is 'wide': 1 finite number is needed"),
     ("vicon", 'SENSOR_SIZE="1920 1080"', 'SENSOR_SIZE="1920"', "SENSOR_SIZE is '1920': 2 finite numbers are needed"),
     ("vicon", 'ORIENTATION="', 'ORIENTATION="9', "a unit quaternion x y z w is needed"),
     ("vicon", "KeyFrames", "Frames", "none of its 1 cameras has a KeyFrame"),

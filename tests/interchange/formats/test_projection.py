@@ -245,8 +245,38 @@ MATRIX = np.array([[900.0, 0, 652], [0, 911, 349], [0, 0, 1]])
 SKEWED = MATRIX + np.array([[0, 30.0, 0], [0, 0, 0], [0, 0, 0]])
 
 
-def lens_with(*coefficients, matrix=MATRIX):
-    return Lens(SIZE, matrix, np.array(coefficients))
+def lens_with(*coefficients, matrix=MATRIX, fisheye=False):
+    return Lens(SIZE, matrix, np.array(coefficients), fisheye)
+
+
+def largest_error(lens, other):
+    """Over four times as many pixels across and down as a fit looks at."""
+    across, down = (np.linspace(-0.5, length - 0.5, n) for length, n in zip(SIZE, (164, 124), strict=True))
+    rays = lens.bearings(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
+    known = np.isfinite(rays).all(axis=1)
+    if not other.fisheye:
+        known &= rays[:, 2] >= np.cos(np.radians(80.0))
+    return np.linalg.norm(other.project_rays(rays[known]) - lens.project_rays(rays[known]), axis=1).max()
+
+
+@thinned("seed", range(6))
+@pytest.mark.parametrize("model", [lm.PINHOLE, lm.RADTAN_5, lm.RATIONAL_8, replace(lm.RADTAN_4, one_focal=True, centred=True)])
+def test_the_stated_error_is_true_of_any_lens(seed, model):
+    rng = np.random.default_rng(seed)
+    skewed = MATRIX + np.array([[0, rng.uniform(1, 4), 0], [0, 0, 0], [0, 0, 0]])
+    fisheye = np.diag([0.5, 0.5, 1]) @ MATRIX + np.array([[0, 0, 320], [0, 0, 175], [0, 0, 0]])
+    for lens in (
+        lens_with(matrix=skewed),
+        lens_with(*np.array(RATIONAL) * rng.uniform(0.7, 1.3, 8), *rng.normal(0, 0.001, 4), *rng.normal(0, 0.02, 2)),
+        lens_with(*rng.normal(0, (0.02, 0.01, 0.003, 0.001)), fisheye=True, matrix=fisheye),
+    ):
+        losses = Losses()
+        found, _ = lm.express_lens(Camera("C", lens), (model,), losses)
+        stated = float(re.search(r"up to ([\d.e+-]+) px off", losses.told[0])[1])
+        assert largest_error(lens, found) <= stated
+        if model.one_focal:
+            assert found.matrix[0, 0] == found.matrix[1, 1]
+            assert found.matrix[:2, 2].tolist() == [639.5, 359.5]
 
 
 @pytest.mark.parametrize(
@@ -284,3 +314,8 @@ def test_a_fit_that_fails_is_no_lens(monkeypatch):
 def test_a_lens_without_any_ray_is_an_error():
     with pytest.raises(InputError, match=r"camera C: its lens .* cannot even be fitted"):
         lm.express_lens(Camera("C", lens_with(-3.0, 0, 0, 0, matrix=np.diag([30.0, 30, 1]))), (lm.PINHOLE,), Losses())
+
+
+@pytest.mark.parametrize(("pixels", "stated"), [(0.0123, "0.013"), (1.0, "1.1"), (123.4, "130"), (9.85, "10"), (0, "1e-09")])
+def test_stated_errors_are_rounded_up(pixels, stated):
+    assert lm._round_up(pixels) == stated
