@@ -34,7 +34,7 @@ class Reprojection:
     correspondences: int
     """Number of correspondences that are marked in two or more cameras with a pose."""
     lost: int
-    """Number of other correspondences with two or more marks, of which fewer than two cameras have a pose."""
+    """Number of other correspondences with two or more marks, where fewer than two of the cameras have a pose."""
 
 
 def reprojection_error(rig: Rig, marks: Mapping[str, Floats]) -> Reprojection | None:

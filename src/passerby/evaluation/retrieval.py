@@ -86,7 +86,7 @@ def retrieval_score(
             query's person are ignored. None: all people are known to be different.
 
     Raises `InputError` for columns that do not fit together, a query without a person, a rank below 1, a distance that is not a
-    finite number, and queries of which none has a right picture.
+    finite number, and queries without any right picture.
     """
     columns = [np.asarray(column, dtype=np.int64) for column in (query_person, query_camera, gallery_person, gallery_camera)]
     who, where, whom, by = columns

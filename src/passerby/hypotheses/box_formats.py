@@ -98,7 +98,7 @@ def _shifts(problem: PeopleProblem, state: AdjustmentState, extent: Floats, infl
     Args:
         problem: the person model.
         state: its optimum.
-        extent: (M,) size, pixels, of which the shift is a share.
+        extent: (M,) size, pixels; the shift is a share of it.
         inflation: factor by which correlation reduces the information of the sightings.
     """
     down = np.zeros((len(extent), 2, 1))

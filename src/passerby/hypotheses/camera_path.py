@@ -1,7 +1,7 @@
 """Path of one camera: a pose and a focal length that may differ in a stretch of time, or change linearly between knots.
 
-The path is fitted to the camera's observations of people whom the other cameras place. The loss is Cauchy's, and constant for
-observations that show another person.
+The path is fitted to the camera's observations of people with positions by the other cameras. The loss is Cauchy's, and
+constant for observations that show another person.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Test whether a camera moved, zoomed or kept turning while it filmed, by comparison with a camera at rest.
 
-All changes are paths of one camera (`camera_path`), fitted to its observations of people whom the other cameras place. They are
-compared by prediction of held-out blocks, one person during ten seconds, as all alternatives are. The times of a move are found
-again without the held-out blocks.
+All changes are paths of one camera (`camera_path`), fitted to its observations of people with positions by the other cameras.
+They are compared by prediction of held-out blocks, one person during ten seconds, as all alternatives are. The times of a move
+are found again without the held-out blocks.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Correspondences between one camera's sightings and the people whom the other cameras place."""
+"""Correspondences between one camera's sightings and people with positions by the other cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Test whether one camera's observations were misread, by prediction from the people whom the other cameras place.
+"""Test whether one camera's observations were misread, by prediction from people with positions by the other cameras.
 
 Under each reading (`readings`) the camera is registered to these people without a fifth of the blocks, which it then predicts.
 A clock's offset is found without them, too. The gains of the blocks are compared as those of all alternatives (`comparison`).
@@ -116,7 +116,7 @@ def _by_gain(found: ReadCamera) -> float:
 
 
 class _Camera:
-    """One camera's observations, and the people whom the other cameras place."""
+    """One camera's observations, and the people with positions by the other cameras."""
 
     def __init__(self, rig: Rig, index: int, instants: Observations, people: TriangulatedPeople) -> None:
         camera = rig.cameras[index]

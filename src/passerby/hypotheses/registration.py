@@ -54,7 +54,7 @@ class SeenBodies(Columns):
     """(M,) height of the lower end above the ground."""
 
     def with_places(self, people: TriangulatedPeople, later: int = 0) -> SeenPeople:
-        """Select the bodies of people whom other cameras place `later` time steps after the observation."""
+        """Select the bodies of people with positions by other cameras `later` time steps after the observation."""
         ids = max(int(each.max(initial=0)) for each in (self.identity, people.identity)) + 1
         at = rows_of_keys((self.frame + later) * ids + self.identity, people.instant * ids + people.identity)
         own = self.take(at >= 0)

@@ -125,7 +125,7 @@ def _one_line_or_spot(points: Floats) -> Finding | None:
 
 
 def find_unusual_heights(people: PeopleFigures | None) -> tuple[Finding, ...]:
-    """Return a notice on people whom the solver left out of the scale: their identities, and the heights of all by the rig."""
+    """Return a notice on people not used for the scale by the solver: their identities, and the heights of all by the rig."""
     if people is None or not people.unusual:
         return ()
     low, high = (float(one) for one in np.percentile([people.heights_m[str(who)] for who in people.unusual], (0, 100)))
