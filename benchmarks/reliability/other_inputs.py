@@ -1,7 +1,8 @@
 """Are the sigmas true of other inputs than boxes under known names? One simulated scene of each, errors over stated sigmas.
 
 Everything that is stated to the calibration is drawn from what the statement says: intrinsics with their usual errors, a
-surveyed position with its standard deviation. The lower edges of boxes are drawn as in `coverage`.
+surveyed position with its standard deviation. So are principal points that nobody stated: simulated cameras have theirs nearer
+to the centre than the solver has to expect of real ones. The lower edges of boxes are drawn as in `coverage`.
 """
 
 from __future__ import annotations
@@ -23,13 +24,14 @@ from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.figures import adjusted
+from passerby.core.observations import CameraObservations
 from passerby.core.scale_cues import KnownPosition
 from passerby.geometry.rotations import angle_between
 from passerby.scene.scene import Scene
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate, write_scene
 from passerby.simulation.rendering import RenderOptions
 from passerby.simulation.write import MEAN_SD
-from passerby.solver.lens_unknowns import FOCAL_CORE
+from passerby.solver.lens_unknowns import FOCAL_CORE, UNKNOWN_PRINCIPAL_POINT
 from passerby.solver.systematic import LOWER_EDGE
 from reliability.coverage import KINDS, ONE, TWO, in_sigmas, shares, stated_lenses, with_lower_edges
 from reliability.lens_figures import with_joints_off
@@ -62,6 +64,8 @@ def work(case: tuple[str, int]) -> dict[str, Any]:
     kind, seed = case
     options = drawn(kind, seed)
     scene = simulate(options)
+    if kind in (UNKNOWN, UNKNOWN_KEYPOINTS):
+        scene = with_principal_points(scene, np.random.default_rng([14, seed]))
     found, focals = CALIBRATED[kind](scene, seed)
     about = {
         "kind": kind, "preset": options.preset, "cameras": options.n_cameras, "people": options.n_people,
@@ -149,6 +153,28 @@ def _unknown(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
     return _in_memory(
         scene, Rig(tuple(Camera(camera.name, Lens.unknown(camera.lens.size)) for camera in scene.rig)), seed
     ), True
+
+
+def with_principal_points(scene: SimulatedScene, rng: np.random.Generator) -> SimulatedScene:
+    """The scene on image sensors that are not centred: principal points as far from the centre as unknown ones may be.
+
+    A sensor that is moved behind its lens moves all pixels. Only boxes that are whole on both sensors are left.
+    """
+    cameras, seen = [], {}
+    for camera in scene.rig:
+        lens, own = camera.lens, scene.observations[camera.name]
+        matrix, middle = np.array(lens.matrix), 0.5 * np.array(lens.size)
+        moved = middle + UNKNOWN_PRINCIPAL_POINT * lens.size[0] * rng.standard_normal(2) - matrix[:2, 2]
+        matrix[:2, 2] += moved
+        cameras.append(replace(camera, lens=replace(lens, matrix=matrix)))
+        boxes = own.boxes.take(own.boxes.inside(lens.size))
+        boxes = replace(boxes, ltwh=boxes.ltwh + [*moved, 0.0, 0.0])
+        xy = own.keypoints.xy + moved
+        score = np.where(((xy >= 0) & (xy < lens.size)).all(axis=2), own.keypoints.score, 0.0)
+        joints = replace(own.keypoints, xy=xy, score=score)
+        joints = joints.take(np.flatnonzero(score.any(axis=1)))
+        seen[camera.name] = CameraObservations(boxes.take(boxes.inside(lens.size)), joints)
+    return replace(scene, rig=Rig(tuple(cameras)), observations=replace(scene.observations, cameras=seen))
 
 
 def _filmed(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:

@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from passerby.calibration.kept_tracklets import FOLDER
 from passerby.scene.video_inputs import KEPT_FOLDER
-from reliability import lenses, machine, watch
+from reliability import lenses, machine, other_inputs, watch
+from support.scenes.simulated import scene
 
 
 @pytest.mark.parametrize("name", ["focal 0.2", "cropped 0.12"])
@@ -50,6 +52,28 @@ def test_a_few_cases_of_the_monitor_and_their_page(monkeypatch: pytest.MonkeyPat
     text = f"{watch._table(knocks, [])} {watch._note([quiet])}"
     assert "| cheap, 1 degree" in text
     assert "nan" not in text
+
+
+def test_a_moved_sensor_sees_the_same_rays_and_its_principal_point_is_as_far_off_as_unknown_ones_may_be() -> None:
+    made = scene(seconds=4.0, joint_noise_px=1.0)
+    moved = other_inputs.with_principal_points(made, np.random.default_rng(0))
+    off = []
+    for before, after in zip(made.rig, moved.rig, strict=True):
+        width, height = after.lens.size
+        off.append((after.lens.matrix[:2, 2] - [width / 2, height / 2]) / width)
+        old, new = made.observations[before.name], moved.observations[before.name]
+        rows = [np.column_stack([one.frame, one.identity]).tolist() for one in (old.boxes, new.boxes)]
+        same = [rows[0].index(row) for row in rows[1]]
+        assert 0.5 * len(rows[0]) < len(same) <= len(rows[0])
+        rays = [
+            lens.bearings(boxes.ltwh[:, :2]) for lens, boxes in ((before.lens, old.boxes.take(same)), (after.lens, new.boxes))
+        ]
+        np.testing.assert_allclose(*rays, atol=1e-9)
+        assert new.boxes.inside(after.lens.size).all()
+        assert (
+            (new.keypoints.xy[new.keypoints.score > 0] >= 0) & (new.keypoints.xy[new.keypoints.score > 0] < (width, height))
+        ).all()
+    assert 0.01 < np.std(off) < 0.03
 
 
 def test_what_is_kept_for_the_next_run_is_no_result(tmp_path: Path) -> None:
