@@ -27,6 +27,7 @@ from passerby.core.figures import adjusted
 from passerby.core.observations import CameraObservations
 from passerby.core.scale_cues import KnownPosition
 from passerby.geometry.rotations import angle_between
+from passerby.interchange.rig_toml import write_rig
 from passerby.scene.scene import Scene
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate, write_scene
 from passerby.simulation.rendering import RenderOptions
@@ -179,7 +180,9 @@ def with_principal_points(scene: SimulatedScene, rng: np.random.Generator) -> Si
 
 def _filmed(scene: SimulatedScene, seed: int) -> tuple[Calibration, bool]:
     with tempfile.TemporaryDirectory() as scratch:
-        return calibrate(Scene.load(write_scene(scene, Path(scratch) / "scene", video=RenderOptions()))), False
+        path = write_scene(scene, Path(scratch) / "scene", video=RenderOptions())
+        write_rig(path.with_name("intrinsics.toml"), _stated(scene, seed))
+        return calibrate(Scene.load(path)), False
 
 
 CALIBRATED: Mapping[str, Callable[[SimulatedScene, int], tuple[Calibration, bool]]] = MappingProxyType({
