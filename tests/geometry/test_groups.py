@@ -20,7 +20,7 @@ def test_sums_of_groups(shape):
     assert groups.group_sums(group[:0], values[:0], 0).shape == (0, *shape)
 
 
-def test_medians_numbers_and_least_rows_of_groups_equal_rows_and_ranges():
+def test_medians_numbers_and_least_rows_of_groups_runs_equal_rows_and_ranges():
     group, values = np.concatenate([np.arange(5), RNG.integers(0, 5, 40)]), RNG.standard_normal(45)
     expected = [np.median(values[group == g]) for g in range(5)]
     np.testing.assert_allclose(groups.group_medians(group, values, 5), expected, atol=1e-15)
@@ -28,6 +28,11 @@ def test_medians_numbers_and_least_rows_of_groups_equal_rows_and_ranges():
     expected = np.unique(np.column_stack([a, b]), axis=0, return_inverse=True)[1].ravel()
     assert groups.group_numbers(a, b).tolist() == expected.tolist()
     assert groups.group_numbers(a[:0], b[:0]).tolist() == []
+    inside = RNG.integers(0, 2, 40) > 0
+    ends = [(first, last) for first in range(40) for last in range(first, 40) if inside[first : last + 1].all()]
+    longest = [(a, b) for a, b in ends if (a, b + 1) not in ends and (a - 1, b) not in ends]
+    assert groups.find_runs(inside) == longest
+    assert groups.find_runs(inside[:0]) == []
     ascending, wanted = np.sort(RNG.integers(0, 8, 30)), RNG.integers(-1, 9, 20)
     pairs = [(i, j) for i, value in enumerate(wanted) for j in range(30) if ascending[j] == value]
     assert list(zip(*(rows.tolist() for rows in groups.rows_of_equal(wanted, ascending)), strict=True)) == pairs

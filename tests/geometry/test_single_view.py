@@ -111,11 +111,12 @@ def test_the_derivative_is_that_of_the_residual() -> None:
     top = bottom - [0.0, 0.3, 0.0]
     top /= np.linalg.norm(top, axis=1, keepdims=True)
     fit = _Fit(top, bottom, rng.normal(0, 1, (20, 2, 3)), np.full(20, 1.7), np.full(20, 0.1))
-    up, height = np.array([0.05, -0.98, -0.19]), 2.5
-    up /= np.linalg.norm(up)
-    numeric = [
-        (fit.residual(*fit._move(up, height, step)) - fit.residual(*fit._move(up, height, -step))) / 2e-6
-        for step in np.eye(3) * 1e-6
-    ]
-    J = fit.jacobian(up, fit._heads(up, height)).transpose(2, 1, 0)
-    np.testing.assert_allclose(J, np.stack(numeric, axis=2), rtol=1e-5, atol=1e-6)
+    ups, heights = np.array([[0.05, -0.98, -0.19], [0.7, -0.7, -0.1]]), np.array([2.5, 4.0])
+    ups /= np.linalg.norm(ups, axis=1, keepdims=True)
+
+    def residual(step: np.ndarray) -> np.ndarray:
+        return fit._heads(*fit._move(ups, heights, np.tile(step, (2, 1)))).residual
+
+    numeric = [(residual(step) - residual(-step)) / 2e-6 for step in np.eye(3) * 1e-6]
+    J = fit.jacobian(ups, fit._heads(ups, heights))
+    np.testing.assert_allclose(J, np.stack(numeric, axis=1), rtol=1e-5, atol=1e-6)

@@ -16,6 +16,8 @@ from passerby.core.data_sheet import DATA_SHEET_SD, check_field, focal_of_field,
 
 PINHOLE_DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 FISHEYE_DISTORTION_LENGTHS = (0, 4)
+BROWN = 5
+"""Number of coefficients of Brown's model: k1, k2, p1, p2 and k3 (D. C. Brown, *Decentering distortion of lenses*, 1966)."""
 # A pixel is outside the lens model if its undistorted ray projects to more than this many pixels away from it.
 INVERSION_TOLERANCE_PX = 0.05
 INTRINSICS = 4
@@ -167,15 +169,11 @@ class Lens:
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if len(points) == 0:
             return np.zeros((0, 2))
-        zero = np.zeros(3)
         if self.fisheye:
             return project_fisheye(points, self.matrix, self.distortions)
         safe = np.where(points[:, 2:] > 0, points, np.array([0.0, 0.0, 1.0]))
-        if self.distortions.any():
-            straight = cv2.projectPoints(safe[:, None], zero, zero, self.matrix, self.distortions)[0][:, 0]
-            pixels = self._skew_pixels(np.asarray(straight, dtype=np.float64))
-        else:  # five times quicker than OpenCV
-            pixels = (safe[:, :2] / safe[:, 2:]) @ self.matrix[:2, :2].T + self.matrix[:2, 2]
+        plane = distort_plane(safe[:, :2] / safe[:, 2:], self.distortions)
+        pixels = plane @ self.matrix[:2, :2].T + self.matrix[:2, 2]
         return np.asarray(np.where(points[:, 2:] > 0, pixels, np.nan), dtype=np.float64)
 
     def bearings(self, pixels: Floats) -> Floats:
@@ -283,16 +281,37 @@ def _image_size(size: tuple[int, int]) -> tuple[int, int]:
     return int(numbers[0]), int(numbers[1])
 
 
+def distort_plane(plane: Floats, distortions: Floats) -> Floats:
+    """Distort points (N, 2) of the plane z = 1 by OpenCV's model.
+
+    With five coefficients at most, it is computed here: OpenCV computes all derivatives too, which takes five times
+    as long.
+    """
+    if not distortions.any():
+        return plane
+    if len(distortions) > BROWN:
+        rays, zero = np.column_stack([plane, np.ones(len(plane))]), np.zeros(3)
+        return np.asarray(cv2.projectPoints(rays[:, None], zero, zero, np.eye(3), distortions)[0][:, 0], dtype=np.float64)
+    k1, k2, p1, p2, k3 = (*distortions, 0.0)[:BROWN]
+    x, y = plane.T
+    square = x * x + y * y
+    radial = 1.0 + square * (k1 + square * (k2 + square * k3))
+    bent = np.array([x * radial, y * radial])
+    if p1 or p2:
+        both = 2.0 * x * y
+        bent += p1 * both + p2 * (square + 2.0 * x * x), p1 * (square + 2.0 * y * y) + p2 * both
+    return np.asarray(bent.T)
+
+
 def unproject_pinhole(pixels: Floats, matrix: Floats, distortions: Floats) -> Floats:
     """Convert pixels (N, 2) to rays (N, 3) with z = 1: OpenCV's fixed-point iteration, then Newton steps.
 
     OpenCV's own iteration stops after five rounds. At the border of a strong lens it is then off by half a pixel.
     """
-    zero, step = np.zeros(3), 1e-6
+    step = 1e-6
 
     def distort(plane: Floats) -> Floats:
-        rays = np.column_stack([plane, np.ones(len(plane))])
-        return np.asarray(cv2.projectPoints(rays[:, None], zero, zero, matrix, distortions)[0][:, 0], dtype=np.float64)
+        return distort_plane(plane, distortions) * np.diag(matrix)[:2] + matrix[:2, 2]
 
     plane = np.asarray(cv2.undistortPoints(pixels[:, None], matrix, distortions)[:, 0], dtype=np.float64)
     if distortions.size == 0 or not distortions.any():

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Bools, Floats, Ints
 
 _WIDE = 4
 """Number of columns from which one sparse product is faster than one sum per column. Both give the same bits."""
@@ -68,6 +68,12 @@ def expanded_ranges(first: Ints, count: Ints) -> tuple[Ints, Ints]:
     """
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(owner))
+
+
+def find_runs(inside: Bools) -> list[tuple[int, int]]:
+    """Find the runs of rows that are `inside` (N,), and return the first and the last row of each."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
 
 
 def rows_of_equal(wanted: NDArray[Any], ascending: NDArray[Any]) -> tuple[Ints, Ints]:

@@ -22,6 +22,8 @@ _PITCHES = np.deg2rad(np.arange(-25.0, 90.0, 7.5))
 _ROLLS = np.deg2rad(np.array([-30.0, -20.0, -10.0, -5.0, 0.0, 5.0, 10.0, 20.0, 30.0]))
 # Scale of the Cauchy loss of the residuals, as a share of the body's extent: people bend, and boxes are inexact.
 _SHARE = 0.06
+# Number of starts that are refined.
+_REFINED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +93,7 @@ def level_camera(
         return None
     fit = _Fit(top, bottom, top_tangent / extent_px[:, None, None], body_m, foot_m)
     starts = fit.starts()
-    if not starts:
-        return None
-    best = min((fit.refine(up, height) for _, up, height in starts[:4]), key=lambda found: found[0])
-    return fit.level(*best[1:])
+    return fit.best(starts) if starts else None
 
 
 def level_by_heights(
@@ -121,11 +120,8 @@ def level_by_heights(
     if len(top) < MIN_PEOPLE:
         return None
     fit = _Fit(top, bottom, top_tangent / extent_px[:, None, None], body_m, foot_m, upright=True)
-    starts = fit.starts() if start is None else [(0.0, start.up, start.height)]
-    if not starts:
-        return None
-    _, up, height = min((fit.refine(up, height) for _, up, height in starts[:4]), key=lambda found: found[0])
-    return fit.level(up, height)
+    starts = fit.starts() if start is None else [(start.up, start.height)]
+    return fit.best(starts) if starts else None
 
 
 def keep_horizon(up: Floats, longer: float) -> Floats:
@@ -136,34 +132,44 @@ def keep_horizon(up: Floats, longer: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Heads:
-    """Residuals of N heads as predicted by a level, and values for their derivatives."""
+    """Residuals of N heads as predicted by K levels, and values for their derivatives."""
 
     residual: Floats
-    """(2, N) residuals, as shares of the extent; large for feet above the horizon."""
+    """(K, 2, N) residuals, as shares of the extent; large for feet above the horizon."""
     sound: Bools
-    """(N,) whether the foot is below the horizon."""
+    """(K, N) whether the foot is below the horizon."""
     per_reach: Floats
-    """(N,) derivative of the foot's distance by the component of its ray along the up direction, metres."""
+    """(K, N) derivative of the foot's distance by the component of its ray along the up direction, metres."""
     per_height: Floats
-    """(N,) derivative of the foot's distance by the logarithm of the camera's height, metres."""
+    """(K, N) derivative of the foot's distance by the logarithm of the camera's height, metres."""
     depth: Floats
-    """(N,) depth of the head along its ray, metres."""
+    """(K, N) depth of the head along its ray, metres."""
 
     @property
     def squares(self) -> Floats:
-        """(N,) squared lengths of the residuals, in units of the loss's scale."""
-        return np.asarray((self.residual[0] ** 2 + self.residual[1] ** 2) / _SHARE**2)
+        """(K, N) squared lengths of the residuals, in units of the loss's scale."""
+        return np.asarray((self.residual[:, 0] ** 2 + self.residual[:, 1] ** 2) / _SHARE**2)
 
     @property
-    def cost(self) -> float:
-        """Mean Cauchy cost of the people."""
-        return float(np.log1p(self.squares).mean())
+    def costs(self) -> Floats:
+        """(K,) mean Cauchy cost of the people."""
+        return np.asarray(np.log1p(self.squares).mean(axis=1))
+
+    def replaced(self, other: _Heads, by_other: Bools) -> _Heads:
+        """Return the values of another object where `by_other` (K,) is true, and those of this one elsewhere."""
+        of_both = ((own, getattr(other, name)) for name, own in vars(self).items())
+        return _Heads(*(np.where(by_other.reshape(-1, *[1] * (own.ndim - 1)), there, own) for own, there in of_both))
+
+    def take(self, levels: Bools) -> _Heads:
+        """Select some of the levels."""
+        return _Heads(*(own[levels] for own in vars(self).values()))
 
 
 class _Fit:
     """Residuals of one camera's people, as shares of their extent; `upright` leaves out the horizontal component.
 
-    All terms are linear in the rays. For a tilt, only the products of each ray with the new direction are computed again.
+    Several levels are computed at once. All terms are linear in the rays: for a tilt, only the products of each ray with the
+    new direction are computed again.
     """
 
     def __init__(
@@ -173,112 +179,115 @@ class _Fit:
         across, down = tangent[:, 0], tangent[:, 1]
         if upright:
             across = np.zeros_like(across)
-        self.rows = np.concatenate([bottom, top, across, down])
+        self.columns = np.concatenate([bottom, top, across, down]).T
         # The foot's ray: its squared length, its component along the head's ray, and its image in shares of the extent.
         self.square, self.along_top = np.einsum("ni,ni->n", bottom, bottom), np.einsum("ni,ni->n", top, bottom)
         self.seen = np.array([np.einsum("ni,ni->n", across, bottom), np.einsum("ni,ni->n", down, bottom)])
 
-    def _project_along(self, direction: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the foot's (N,) and the head's ray (N,) along a direction, and its image (2, N) in shares of the extent."""
-        foot, head, *seen = (self.rows @ direction).reshape(4, -1)
-        return foot, head, np.array(seen)
+    def _project_along(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the foot's and the head's ray (K, N) along directions (K, 3), and their images (K, 2, N), as shares."""
+        along = (directions @ self.columns).reshape(len(directions), 4, -1)
+        return along[:, 0], along[:, 1], along[:, 2:]
 
-    def level(self, up: Floats, height: float) -> Level:
-        """Return the level with its residuals."""
-        misfit = np.linalg.norm(self.residual(up, height), axis=1)
-        return Level(up, height, float(np.median(misfit)), float(np.quantile(misfit, 0.9)))
+    def best(self, starts: list[tuple[Floats, float]]) -> Level:
+        """Refine starts (up direction, height), and return the level of the least cost."""
+        cost, ups, heights = self.refine(np.array([up for up, _ in starts]), np.array([height for _, height in starts]))
+        best = int(np.argmin(cost))
+        misfit = np.linalg.norm(self._heads(ups[[best]], heights[[best]]).residual[0], axis=0)
+        return Level(ups[best], float(heights[best]), float(np.median(misfit)), float(np.quantile(misfit, 0.9)))
 
-    def residual(self, up: Floats, height: float) -> Floats:
-        """Return the residuals (N, 2) of the predicted highest points; large for feet above the horizon."""
-        return self._heads(up, height).residual.T
-
-    def _heads(self, up: Floats, height: float) -> _Heads:
-        """Predict the heads: the foot's ray is followed to the foot, and the body stands upright on it."""
-        foot, head, seen = self._project_along(up)
+    def _heads(self, ups: Floats, heights: Floats) -> _Heads:
+        """Predict the heads by K levels: the foot's ray is followed to the foot, and the body stands upright on it."""
+        foot, head, seen = self._project_along(ups)
         below = np.maximum(-foot, HORIZON)
+        height = heights[:, None]
         reach = (height - self.foot_m) / below
         far = np.sqrt(np.maximum(reach * (reach * self.square + 2 * self.body_m * foot) + self.body_m**2, 0.0))
         depth = np.maximum(reach * self.along_top + self.body_m * head, 0.05 * far + 1e-9)
         sound = -foot > HORIZON
-        residual = np.where(sound, (reach * self.seen + self.body_m * seen) / depth, 3.0)
+        residual = np.where(sound[:, None], (reach[:, None] * self.seen + self.body_m * seen) / depth[:, None], 3.0)
         return _Heads(residual, sound, reach / below, height / below, depth)
 
-    def jacobian(self, up: Floats, heads: _Heads) -> Floats:
-        """Return the derivative (3, 2, N) of the residual by the steps of `_move`; 0 for feet above the horizon."""
-        out = np.empty((3, *heads.residual.shape))
-        for row, direction in enumerate(_find_perpendiculars(up)):
-            foot, head, seen = self._project_along(direction)
+    def jacobian(self, ups: Floats, heads: _Heads) -> Floats:
+        """Return the derivatives (K, 3, 2, N) of the residuals by the steps of `_move`; 0 for feet above the horizon."""
+        k, _, n = heads.residual.shape
+        out = np.empty((k, 3, 2, n))
+        for row, directions in enumerate(_find_perpendiculars(ups)):
+            foot, head, seen = self._project_along(directions)
             reach = heads.per_reach * foot
             along = reach * self.along_top + self.body_m * head
-            out[row] = (reach * self.seen + self.body_m * seen - heads.residual * along) / heads.depth
-        out[2] = heads.per_height * (self.seen - heads.residual * self.along_top) / heads.depth
-        return np.where(heads.sound, out, 0.0)
+            out[:, row] = reach[:, None] * self.seen + self.body_m * seen - heads.residual * along[:, None]
+        out[:, 2] = heads.per_height[:, None] * (self.seen - heads.residual * self.along_top)
+        return np.where(heads.sound[:, None, None], out / heads.depth[:, None, None], 0.0)
 
-    def starts(self) -> list[tuple[float, Floats, float]]:
-        """Return (cost, up direction, height) of all starts of the fit, the lowest cost first.
+    def starts(self) -> list[tuple[Floats, float]]:
+        """Return up direction and height of the best starts of the fit, the lowest cost first.
 
         A start is a pitch and a roll with 60 % of the feet or more below the horizon. Its height is the median, over the
         people, of the camera height that puts the head on its ray.
         """
         pitch, roll = (angle.ravel() for angle in np.meshgrid(_PITCHES, _ROLLS, indexing="ij"))
         ups = np.column_stack([np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch), -np.sin(pitch)])
-        foot, _, across, down = (self.rows @ ups.T).reshape(4, -1, len(ups))
+        foot, _, image = self._project_along(ups)
         use = -foot > HORIZON
-        count = np.count_nonzero(use, axis=0)
-        below = np.where(use, -foot, 1.0)
-        along_across, along_down = self.seen[0][:, None] / below, self.seen[1][:, None] / below
-        rise = along_across * across + along_down * down
-        square = np.maximum(along_across**2 + along_down**2, 1e-12)
-        of_each = self.foot_m[:, None] - rise * self.body_m[:, None] / square
-        ascending = np.sort(np.where(use, of_each, np.inf), axis=0)
-        columns = np.arange(len(ups))
-        middle = ascending[np.maximum(count - 1, 0) // 2, columns], ascending[np.minimum(count // 2, len(foot) - 1), columns]
-        heights = 0.5 * (middle[0] + middle[1])
-        sound = (count >= 0.6 * len(foot)) & (heights > 0.2) & (heights < 200.0)
-        found = [(self.cost(ups[k], float(heights[k])), ups[k], float(heights[k])) for k in np.flatnonzero(sound)]
-        return sorted(found, key=lambda start: start[0])
+        count = np.count_nonzero(use, axis=1)
+        along = self.seen / np.where(use, -foot, 1.0)[:, None]
+        rise = (along * image).sum(axis=1)
+        square = np.maximum((along**2).sum(axis=1), 1e-12)
+        ascending = np.sort(np.where(use, self.foot_m - rise * self.body_m / square, np.inf), axis=1)
+        rows = np.arange(len(ups))
+        heights = 0.5 * (
+            ascending[rows, np.maximum(count - 1, 0) // 2] + ascending[rows, np.minimum(count // 2, foot.shape[1] - 1)]
+        )
+        sound = np.flatnonzero((count >= 0.6 * foot.shape[1]) & (heights > 0.2) & (heights < 200.0))
+        if not len(sound):
+            return []
+        order = sound[np.argsort(self._heads(ups[sound], heights[sound]).costs, kind="stable")]
+        return [(ups[k], float(heights[k])) for k in order[:_REFINED]]
 
-    def cost(self, up: Floats, height: float) -> float:
-        """Return the mean Cauchy cost of a level."""
-        return self._heads(up, height).cost
+    def refine(self, ups: Floats, heights: Floats) -> tuple[Floats, Floats, Floats]:
+        """Refine K levels by damped Gauss-Newton on (tilt about two axes, log height), reweighted for the Cauchy loss.
 
-    def refine(self, up: Floats, height: float) -> tuple[float, Floats, float]:
-        """Refine a level by damped Gauss-Newton on (tilt about two axes, log height), reweighted for the Cauchy loss.
-
-        Returns the cost, the up direction (3,) and the height.
+        Returns the costs (K,), the up directions (K, 3) and the heights (K,).
         """
-        heads, damping = self._heads(up, height), 1e-3
-        cost = heads.cost
+        ups, heights, heads = ups.copy(), heights.copy(), self._heads(ups, heights)
+        costs, damping, active = heads.costs, np.full(len(ups), 1e-3), np.arange(len(ups))
         for _ in range(30):
-            weight = cauchy_weights(heads.squares)
-            J = self.jacobian(up, heads)
-            weighted = (J * weight).reshape(3, -1)
-            H, g = weighted @ J.reshape(3, -1).T, weighted @ heads.residual.ravel()
-            step = -np.linalg.solve(H + damping * np.diag(np.diag(H)) + 1e-12 * np.eye(3), g)
-            moved = self._move(up, height, np.clip(step, -0.5, 0.5))
+            J = self.jacobian(ups[active], heads)
+            weighted = (J * cauchy_weights(heads.squares)[:, None, None]).reshape(len(active), 3, -1)
+            H = weighted @ J.reshape(len(active), 3, -1).transpose(0, 2, 1)
+            g = weighted @ heads.residual.reshape(len(active), -1, 1)
+            damped = H * (1.0 + damping[active, None, None] * np.eye(3)) + 1e-12 * np.eye(3)
+            step = -np.linalg.solve(damped, g)[:, :, 0]
+            moved = self._move(ups[active], heights[active], np.clip(step, -0.5, 0.5))
             there = self._heads(*moved)
-            new = there.cost
-            if new < cost:
-                done = cost - new < 1e-7 * cost
-                (up, height), heads, cost, damping = moved, there, new, damping * 0.2
-                if done:
-                    break
-            else:
-                damping *= 5.0
-                if damping > 1e6:
-                    break
-        return cost, up, height
+            new, old = there.costs, costs[active]
+            better = new < old
+            heads = heads.replaced(there, better)
+            ups[active[better]], heights[active[better]], costs[active[better]] = (
+                moved[0][better],
+                moved[1][better],
+                new[better],
+            )
+            damping[active] *= np.where(better, 0.2, 5.0)
+            on = np.where(better, old - new >= 1e-7 * old, damping[active] <= 1e6)
+            if not on.any():
+                break
+            active, heads = active[on], heads.take(on)
+        return costs, ups, heights
 
     @staticmethod
-    def _move(up: Floats, height: float, step: Floats) -> tuple[Floats, float]:
-        a, b = _find_perpendiculars(up)
-        moved = up + step[0] * a + step[1] * b
-        return moved / np.linalg.norm(moved), height * float(np.exp(step[2]))
+    def _move(ups: Floats, heights: Floats, step: Floats) -> tuple[Floats, Floats]:
+        a, b = _find_perpendiculars(ups)
+        moved = ups + step[:, :1] * a + step[:, 1:2] * b
+        return moved / np.linalg.norm(moved, axis=1, keepdims=True), heights * np.exp(step[:, 2])
 
 
-def _find_perpendiculars(up: Floats) -> tuple[Floats, Floats]:
-    """Return two directions (3,) at right angles to a unit vector and to each other."""
-    x, y, z = up
-    a = np.array([0.0, z, -y]) if abs(x) < 0.6 else np.array([y, -x, 0.0])
-    a /= np.sqrt(a @ a)
-    return a, np.array([y * a[2] - z * a[1], z * a[0] - x * a[2], x * a[1] - y * a[0]])
+def _find_perpendiculars(ups: Floats) -> tuple[Floats, Floats]:
+    """Return two directions (K, 3) at right angles to unit vectors (K, 3) and to each other."""
+    x, y, z = ups.T
+    zero = np.zeros(len(ups))
+    a = np.where(np.abs(x) < 0.6, (zero, z, -y), (y, -x, zero))
+    a /= np.sqrt((a**2).sum(axis=0))
+    b = y * a[2] - z * a[1], z * a[0] - x * a[2], x * a[1] - y * a[0]
+    return a.T, np.array(b).T

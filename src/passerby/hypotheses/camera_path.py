@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Pose
-from passerby.geometry.groups import compute_cut_cauchy_cost, compute_cut_cauchy_weights
+from passerby.geometry.groups import compute_cut_cauchy_cost, compute_cut_cauchy_weights, find_runs
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.hypotheses.correspondences import Correspondences
 from passerby.hypotheses.pair_residuals import PairColumns, PairResiduals, residuals_at
@@ -57,10 +57,11 @@ class Stretches:
     @classmethod
     def of(cls, instants: Ints | Floats, inside: Bools) -> Stretches:
         """Return the stretches of those of the instants (N,), in order, that are `inside` (N,)."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-        first = [-np.inf if row == 0 else float(instants[row]) for row in edges[::2]]
-        last = [np.inf if row == len(inside) else float(instants[row - 1]) for row in edges[1::2]]
-        return cls(tuple(zip(first, last, strict=True)))
+        end = len(inside) - 1
+        return cls(tuple(
+            (-np.inf if first == 0 else float(instants[first]), np.inf if last == end else float(instants[last]))
+            for first, last in find_runs(inside)
+        ))  # fmt: skip
 
     @property
     def switches(self) -> int:

@@ -17,6 +17,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Pose, Rig
 from passerby.core.measuring import MeasuringFigures, measure_change
+from passerby.geometry.groups import find_runs
 from passerby.geometry.rotations import angle_between, exp_rotation
 from passerby.hypotheses.camera_path import (
     MOVES,
@@ -195,9 +196,9 @@ def suspect_change(m: Correspondences, pose: Pose, per_second: float, n_cameras:
         return None
     few = thinned(m, MOST_PAIRS)
     base = fit_path(few, CameraPath(pose, origin=float(few.own.step.mean())), own=WITH_CLOCK)
-    if not is_suspicious(few, base):
-        return None
     trial = _Trial(few, base, blocks_of(few.own.step, few.own.identity, per_second)[0], n_cameras)
+    if not is_suspicious(few, base, trial.block, max(map(trial.log_prior, CHANGED_SITES))):
+        return None
     # All parts are free, and pieces are most numerous: if these are not significant, no simpler change is.
     steps = tuple(path for path in find_stretches(few, base) if trial.may_convince("moved", path))
     finest = next((path for pieces in reversed(PIECES) if (path := fit_drift(few, base, pieces)) is not None), None)
@@ -292,9 +293,10 @@ class _Trial:
 
     def may_convince(self, kind: Kind, full: CameraPath) -> bool:
         """Check whether a change is significant on the observations that it was fitted to; only then folds are predicted."""
-        return may_convince(self._costs(full), self._costs(self.base), self._log_prior(kind))
+        return may_convince(self._costs(full), self._costs(self.base), self.log_prior(kind))
 
-    def _log_prior(self, kind: Kind) -> float:
+    def log_prior(self, kind: Kind) -> float:
+        """Return the logarithm of the prior odds of a change of this camera."""
         return float(np.log(CHANGED_SITES[kind] / self.n_cameras))
 
     def _compared(
@@ -308,7 +310,7 @@ class _Trial:
             part, block = self.m.part(held), self.block[held]
             before += np.bincount(block, costs_along(part, still), n)
             predicted += np.bincount(block, costs_along(part, still if path is None else path), n)
-        return FoundChange(kind, full, predicted, Comparison.of(predicted, before), self._log_prior(kind))
+        return FoundChange(kind, full, predicted, Comparison.of(predicted, before), self.log_prior(kind))
 
 
 def _simplest(family: Sequence[FoundChange]) -> FoundChange | None:
@@ -344,8 +346,7 @@ def step_of(m: Correspondences, found: FoundChange, *, stated: bool) -> PoseChan
     a, b = (residuals_along(m, one).found for one in (main, there))
     pairs = best_pairs(m, residuals_along(m, replace(path, times=Stretches.of(t, inside))).found.square)
     apart = np.linalg.norm(a.residual[:, pairs] - b.residual[:, pairs], axis=0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    spans = tuple((int(t[first]), int(t[last - 1])) for first, last in zip(edges[::2], edges[1::2], strict=True))
+    spans = tuple((int(t[first]), int(t[last])) for first, last in find_runs(inside))
     return PoseChange(
         spans, bool(inside[0]), bool(inside[-1]), main.pose, there.pose, found.over_base.gain,
         found.over_base.z, float(np.median(apart / m.own.extent_px)),

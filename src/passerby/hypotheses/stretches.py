@@ -6,7 +6,9 @@ the least robust cost is refined: one stretch at an end of the recording, one wi
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -29,6 +31,7 @@ from passerby.hypotheses.camera_path import (
     costs_along,
     fit_path,
 )
+from passerby.hypotheses.comparison import FOLDS, Comparison
 from passerby.hypotheses.correspondences import Correspondences
 
 WINDOWS, WINDOW_ROWS = 10, 24
@@ -42,10 +45,9 @@ POORLY = 4.0
 if no person fits."""
 MOST_TRIED, LEAST_TOGETHER = 60, 6
 """Largest number of pairs of a tracklet and a person in that search, and least number of observations of a pair."""
-SCREENED_SHIFT, SCREENED_SHARE = 0.02, 0.3
-"""No stretch is searched for under two conditions: one linear step moves no part of the recording by more than the first share
-of a person's extent, about 3 cm; and the share of observations that no person explains differs between windows by at most the
-second."""
+SCREENED_SHARE = 0.3
+"""Difference between windows in the share of observations that no person explains, above which a change is searched for even if
+linear steps predict none."""
 
 
 def windows_of(m: Correspondences) -> np.ndarray:
@@ -55,22 +57,49 @@ def windows_of(m: Correspondences) -> np.ndarray:
     return np.asarray(np.searchsorted(inner, m.own.step))
 
 
-def is_suspicious(m: Correspondences, whole: CameraPath) -> bool:
-    """Check whether parts of the time seem to have different poses or focal lengths, by one linear step for each part."""
+def is_suspicious(m: Correspondences, whole: CameraPath, block: Ints, log_prior: float) -> bool:
+    """Check whether parts of the time seem to have different poses or focal lengths, by one linear step for each part.
+
+    Args:
+        m: the camera's observations with the people of their instants.
+        whole: path of the camera at rest.
+        block: (M,) block of each observation.
+        log_prior: logarithm of the largest prior odds of a change.
+    """
     window = np.unique(windows_of(m), return_inverse=True)[1]
     n = int(window.max()) + 1
     unexplained = costs_along(m, whole) >= MOST_COST - 1e-9
     if np.ptp(np.bincount(window, unexplained, n) / np.bincount(window, minlength=n)) > SCREENED_SHARE:
         return True
     equations = Equations.of(m, whole)
-    H = group_sums(window, equations.information, n).cumsum(axis=0)
-    g = group_sums(window, equations.gradient, n).cumsum(axis=0)
-    prior = np.diag(PRIOR_SD**-2.0)
-    before = -np.linalg.solve(H[:-1] + prior, g[:-1, :, None])[:, :, 0]
-    after = -np.linalg.solve(H[-1] - H[:-1] + prior, (g[-1] - g[:-1])[:, :, None])[:, :, 0]
-    moved = np.einsum("kij,wj->wki", equations.by_own, after - before)
-    shift = np.median(np.linalg.norm(moved, axis=2) / m.own.extent_px, axis=1)
-    return bool(shift.max(initial=0.0) > SCREENED_SHIFT)
+    return any(one.log_evidence + log_prior > 0 for one in _predict_blocks(equations, window, block))
+
+
+def _predict_blocks(equations: Equations, window: Ints, block: Ints) -> Iterator[Comparison]:
+    """Predict held-out blocks by two poses, each for some of the windows of time, to first order, against one pose.
+
+    Yields a comparison for each division of the windows: each range of them against the rest.
+    """
+    n, blocks = int(window.max()) + 1, int(block.max()) + 1
+    keys, of_key = np.unique(block * n + window, return_inverse=True)
+    g, H = (group_sums(of_key, each, len(keys)) for each in (equations.gradient, equations.information))
+    block, window = np.divmod(keys, n)
+    fold, prior = block % FOLDS, np.diag(PRIOR_SD**-2.0)
+    cell = fold * n + window
+    G, K = (group_sums(cell, each, FOLDS * n).reshape(FOLDS, n, *each.shape[1:]) for each in (g, H))
+    G, K = G.sum(axis=0) - G, K.sum(axis=0) - K  # without each fold
+
+    def costs(windows: Bools) -> Floats:
+        """Return the costs (blocks,) of the observations in these windows, by one pose for all of them."""
+        step = -np.linalg.solve(K[:, windows].sum(axis=1) + prior, G[:, windows].sum(axis=1)[:, :, None])[fold, :, 0]
+        of_key = np.einsum("ki,ki->k", g, step) + 0.5 * np.einsum("ki,kij,kj->k", step, H, step)
+        return np.asarray(np.bincount(block, np.where(windows[window], of_key, 0.0), blocks), dtype=np.float64)
+
+    one_pose = costs(np.ones(n, dtype=bool))
+    for first, last in combinations(range(n + 1), 2):
+        inside = (np.arange(n) >= first) & (np.arange(n) < last)
+        if last - first < n:
+            yield Comparison.of(costs(inside) + costs(~inside), one_pose)
 
 
 def find_stretches(m: Correspondences, whole: CameraPath) -> list[CameraPath]:

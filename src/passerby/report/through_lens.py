@@ -13,6 +13,7 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Camera
+from passerby.geometry.groups import find_runs
 
 Rays = Callable[[Ints, Floats], Floats]
 """Function from line numbers (E,) and shares of the lines' lengths (E,) to directions (E, 3), camera frame."""
@@ -194,14 +195,13 @@ def _bisect_visible(seen_at: Seen, line: Ints, seen: Floats, unseen: Floats, at:
 
 def _stretches(pixels: Floats, inside: Bools, line: int, ends: dict[tuple[int, int], Floats]) -> list[Floats]:
     """Return the runs of visible samples of one line, each extended to the points where it enters and leaves the picture."""
-    change = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
     out = []
-    for first, after in zip(change[::2].tolist(), change[1::2].tolist(), strict=True):
-        parts: list[Floats] = [pixels[first:after]]
+    for first, last in find_runs(inside):
+        parts: list[Floats] = [pixels[first : last + 1]]
         if (line, first - 1) in ends:
             parts.insert(0, ends[line, first - 1][None])
-        if (line, after - 1) in ends:
-            parts.append(ends[line, after - 1][None])
+        if (line, last) in ends:
+            parts.append(ends[line, last][None])
         stretch = simplify_polyline(np.concatenate(parts))
         if len(stretch) > 1:
             out.append(stretch)
