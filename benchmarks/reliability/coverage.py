@@ -27,7 +27,7 @@ from passerby.solver.systematic import LENS_PRIORS, LOWER_EDGE
 from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, seeds
 
-SCENES = seeds(100_000, 300)
+SCENES = seeds(100_000, 150)
 QUICK_SCENES = 8
 ONE, TWO = (0.60, 0.76), (0.90, 0.99)
 """Shares of errors within one and two sigmas that are asked for."""
