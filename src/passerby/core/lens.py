@@ -284,8 +284,7 @@ def _image_size(size: tuple[int, int]) -> tuple[int, int]:
 def distort_plane(plane: Floats, distortions: Floats) -> Floats:
     """Distort points (N, 2) of the plane z = 1 by OpenCV's model.
 
-    With five coefficients at most, it is computed here: OpenCV computes all derivatives too, which takes five times
-    as long.
+    With five coefficients at most, it is computed here: OpenCV computes all derivatives too, which takes three times as long.
     """
     if not distortions.any():
         return plane
